@@ -20,6 +20,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/file_head.h"
 #include "base/interruption.h"
 
 namespace splatvol {
@@ -27,8 +28,6 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// A reader of .svol files asks for at least these bytes first, so finding the size costs no extra request.
-constexpr std::size_t head_bytes = 32u << 10;
 constexpr long max_redirects = 8;
 constexpr const char* protocols = "http,https";
 constexpr const char* library_name = "libcurl.so.4";  // of all versions since 2006
@@ -435,22 +434,17 @@ class HttpSource final : public ByteSource {
 
   // Must be called first.
   Status open() {
-    std::vector<std::byte> head(head_bytes);
+    std::vector<std::byte> head(FileHead::usual_bytes);
     SPLATVOL_TRY(fetch(0, head));
     head.resize(std::min<std::uint64_t>(head.size(), size()));
-    head_ = std::move(head);
+    head_.keep(std::move(head));
     return {};
   }
 
   Status read(std::uint64_t offset, std::span<std::byte> out) override {
     SPLATVOL_TRY(check_range(*this, offset, out.size()));
-    if (offset < head_.size()) {
-      const std::size_t kept = std::min(out.size(), head_.size() - static_cast<std::size_t>(offset));
-      std::ranges::copy(std::span(head_).subspan(static_cast<std::size_t>(offset), kept), out.begin());
-      offset += kept;
-      out = out.subspan(kept);
-    }
-    return out.empty() ? Status{} : fetch(offset, out);
+    const Part rest = head_.fill(offset, out);
+    return rest.out.empty() ? Status{} : fetch(rest.offset, rest.out);
   }
 
   bool may_read_parts() const override { return knows_parts_; }
@@ -575,7 +569,7 @@ class HttpSource final : public ByteSource {
   const std::string name_;
   const HttpOptions options_;
   std::optional<Content> content_;  // constant once open
-  std::vector<std::byte> head_;     // the file's first bytes
+  FileHead head_;
   std::atomic<bool> knows_parts_ = true, has_tried_parts_ = false;
   std::mutex first_parts_mutex_;
   std::mutex mutex_;

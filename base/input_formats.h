@@ -72,7 +72,7 @@ struct FormatRow {
 /// do not.
 [[nodiscard]] bool is_convertible(const std::string& path);
 
-/// What to do with a mesh at an address.
+/// Tells what to do with a mesh at an address.
 inline constexpr const char* no_far_mesh = "meshes are read from disks: run svbuild there, or download it first";
 
 /// Whether a file holds a surface to draw, not a volume, by its name: .stl, .obj, .ply, .glb or .gltf.

@@ -77,7 +77,7 @@ class Fields {
   std::span<const std::byte> rest_;
 };
 
-// Section 5. What nobody asks for is skipped.
+// Section 5. Skips what nobody asks for.
 SftpAttributes take_attributes(std::uint32_t id, Fields& fields) {
   constexpr std::uint32_t has_size = 1, has_owner = 2, has_permissions = 4, has_times = 8;
   SftpAttributes attributes{id};

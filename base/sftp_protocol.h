@@ -17,7 +17,7 @@
 
 namespace splatvol {
 
-/// What each server can do (section 3): bytes of a read, and of a packet behind its length.
+/// Each server can do so much (section 3): bytes of a read, and of a packet behind its length.
 inline constexpr std::size_t most_sftp_read_bytes = 32768;
 inline constexpr std::size_t most_sftp_packet_bytes = 34000;
 
@@ -55,7 +55,7 @@ using SftpAnswer = std::variant<SftpVersion, SftpStatus, SftpHandle, SftpData, S
 /// Reads a packet without its length. Fails unless it is one of these, as a whole. Safe on untrusted bytes.
 [[nodiscard]] Result<SftpAnswer> parse_sftp_answer(std::span<const std::byte> packet);
 
-/// What a status says, in words.
+/// Returns the words of a status.
 [[nodiscard]] std::string text_of(const SftpStatus& status);
 
 /// Cuts what a server sends into answers.
@@ -65,7 +65,7 @@ class SftpAnswers {
   void add(std::span<const std::byte> bytes);
 
   /// Returns the next answer; none if its bytes have not all come. Fails if it breaks the protocol, or would be longer
-  /// than any that is asked for. So less than a packet is kept once this returns none.
+  /// than any that is asked for. Once this returns none, less than a packet is kept.
   [[nodiscard]] Result<std::optional<SftpAnswer>> next();
 
  private:

@@ -15,6 +15,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "base/file_head.h"
 #include "base/interruption.h"
 #include "base/program.h"
 #include "base/sftp_protocol.h"
@@ -26,7 +27,6 @@ using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr std::string_view scheme = "ssh://";
-constexpr std::size_t head_bytes = 32u << 10;  // as of a web server: a reader asks for at least these first
 constexpr std::size_t received_bytes = 128u << 10;
 
 // Decodes %20 and the like. Other signs stay.
@@ -196,22 +196,16 @@ class SftpSource final : public ByteSource {
   // Must be called first.
   Status open() {
     SPLATVOL_TRY(connect_first());
-    std::vector<std::byte> head(std::min<std::uint64_t>(head_bytes, size()));
+    std::vector<std::byte> head(std::min<std::uint64_t>(FileHead::usual_bytes, size()));
     SPLATVOL_TRY(read(0, head));
-    head_ = std::move(head);
+    head_.keep(std::move(head));
     return {};
   }
 
   Status read(std::uint64_t offset, std::span<std::byte> out) override {
     SPLATVOL_TRY(check_range(*this, offset, out.size()));
-    if (offset < head_.size()) {
-      const std::size_t kept = std::min(out.size(), head_.size() - static_cast<std::size_t>(offset));
-      std::ranges::copy(std::span(head_).subspan(static_cast<std::size_t>(offset), kept), out.begin());
-      offset += kept;
-      out = out.subspan(kept);
-    }
-    const Part part{offset, out};
-    return out.empty() ? Status{} : transfer({&part, 1});
+    const Part rest = head_.fill(offset, out);
+    return rest.out.empty() ? Status{} : transfer({&rest, 1});
   }
 
   bool may_read_parts() const override { return true; }
@@ -319,8 +313,8 @@ class SftpSource final : public ByteSource {
   const SshAddress address_;
   const SftpOptions options_;
   std::optional<Content> content_;  // constant once open
-  std::vector<std::byte> head_;     // the file's first bytes
-  std::mutex mutex_;                // of all below
+  FileHead head_;
+  std::mutex mutex_;  // of all below
   std::condition_variable changed_;
   SftpReads reads_;
   std::unique_ptr<SftpSession> session_;  // null: not connected. Only the thread that works replaces it, or receives

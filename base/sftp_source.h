@@ -36,9 +36,9 @@ struct SshAddress {
 ///
 /// The program ssh of the user connects, with its configuration, keys and known hosts. It asks for a password if there
 /// is a terminal. All reads share its connection: up to 32 are on their way, also of several threads. If the connection
-/// is lost, one more is made, and these reads are tried once more. Then a read fails; so do all if the new connection
-/// fails, or if the file has changed meanwhile: another size or time. Trusts nothing that the server says. Heeds
-/// base/interruption.h. ssh ends with the source.
+/// is lost, one more is made, and these reads are tried once more. Then a read fails. All reads fail if the new
+/// connection fails, or if the file has changed meanwhile: its size or its time differs. Trusts nothing that the server
+/// says. Heeds base/interruption.h. ssh ends with the source.
 ///
 /// The source's name, and so its messages, leave out the user.
 [[nodiscard]] Result<std::unique_ptr<ByteSource>> open_ssh(const std::string& url, const SftpOptions& options = {});

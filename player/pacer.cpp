@@ -56,7 +56,7 @@ Rung Pacer::next(const Choices& choices) {
   };
   if (!rung_) {
     const auto splats = std::ranges::count_if(rungs, [](const Rung& rung) { return !rung.is_exact(); });
-    rung_ = finest_of(0, times_.is_measured() ? std::ssize(rungs) : std::max<std::ptrdiff_t>(splats - 1, 0), seconds_);
+    rung_ = finest_of(0, times_.is_measured() ? std::ssize(rungs) : splats - 1, seconds_);
     return *rung_;
   }
   const auto finer = std::ranges::find_if(rungs, [&](const Rung& rung) { return is_finer(rung, *rung_); });

@@ -51,8 +51,9 @@ Status Session::choose_moving() {
   const bool may_be_exact = first_exact_spacing() > 0 && !cells_fail_;
   SPLATVOL_TRY_ASSIGN(choices, player_->moving_choices(may_be_exact));
   if (!player_->shows_contours()) choices.most_segments = static_cast<double>(most_segments());
-  if (choices.cells && finest_exact_spacing(choices.cells->segment_work * choices.cells->segments) == 0)
-    choices.cells.reset();                                     // it rests as splats
+  const bool rests_as_splats =
+      choices.cells && finest_exact_spacing(choices.cells->segment_work * choices.cells->segments) == 0;
+  if (rests_as_splats) choices.cells.reset();
   if (!draws_aside()) choices.first_cells_seconds = 1.0 / 60;  // a graphics card draws as many pictures of splats
   moving_ = {.choices = choices, .rung = motion_.next(choices)};
   still_awaits_step_ = awaits_step_;

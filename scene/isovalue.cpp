@@ -143,10 +143,12 @@ Scene with_shells(const Scene& scene, double size) {
   Scene shown = scene;
   shown.contours.clear();
   if (contours.empty()) return shown;
-
   const double half = 0.5 * usual_width;
   const auto [lo, hi] = domain_with(function, contours.front().value, contours.back().value);
   TransferFunction& wider = shown.transfer_function = over_domain(function, lo, hi);
+  // Shells are as dense as they are, whatever the factor of the volume.
+  const double factor = std::exchange(wider.density_factor, 1);
+  for (TransferFunction::Density& density : wider.densities) density.extinction *= factor;
   for (std::size_t i = 0; i < contours.size(); ++i) {
     const auto middle_to = [&](std::size_t other) {
       return 0.5 * (wider.t_of(contours[i].value) + wider.t_of(contours[other].value));

@@ -25,7 +25,7 @@ struct Isovalue {
 /// Returns the isovalue of a function that densities_of has made, to some rounding. None for another function.
 [[nodiscard]] std::optional<Isovalue> isovalue_of(const TransferFunction& function);
 
-/// Returns an isovalue that shows a shell in data of this size, in world units. `width`: in values; none: a twentieth
+/// Returns an isovalue that shows a shell in data of this size, in world units. `width`: in values; none: a fiftieth
 /// of the domain, on its axis.
 [[nodiscard]] Isovalue fitting_isovalue(const TransferFunction& function, double value, std::optional<double> width,
                                         double size);

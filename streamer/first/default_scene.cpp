@@ -253,15 +253,6 @@ bool is_in_picture(const View& view, const dvec3& position) {
          std::abs(p.y) * view.focal < 0.5 * view.height * depth;
 }
 
-bool is_clipped(const Scene& scene, const dvec3& position) {
-  const auto& box = scene.clip_box;
-  if (box && (glm::any(glm::lessThan(position, box->low)) || glm::any(glm::greaterThan(position, box->high))))
-    return true;
-  return std::ranges::any_of(scene.clip_planes, [&](const SceneClipPlane& plane) {
-    return plane.active && glm::dot(position - plane.point, plane.normal) < 0;
-  });
-}
-
 // If hardly any of what a function shows is in the picture, values are those of the splats that are.
 TransferFunction fit_to_picture(const std::vector<SurveySplat>& splats, const Chooser& choose, const View& view) {
   TransferFunction function = choose(splats);
@@ -348,7 +339,7 @@ void show_opacity(Scene& scene, FittingOpacity fitting) {
 
 Result<TransferFunction> visible_colors(const format::Volume& volume, const Scene& scene) {
   SPLATVOL_TRY_ASSIGN(index, find_attribute(volume, scene.attribute));
-  SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, scene.width, scene.height));
+  SPLATVOL_TRY_ASSIGN(view, make_view(scene));
   const int other = scene.opacity ? volume.info().find_attribute(scene.opacity->attribute) : -1;
   std::vector<int> attributes = {index};
   if (other >= 0) attributes.push_back(other);
@@ -361,7 +352,7 @@ Result<TransferFunction> visible_colors(const format::Volume& volume, const Scen
       splats[i].factor = mean_extinction(scene.opacity->function, factors[i]);
   }
   std::erase_if(splats, [&](const SurveySplat& splat) {
-    return !is_in_picture(view, splat.center) || is_clipped(scene, splat.center);
+    return !is_in_picture(view, splat.center) || !view.clip.contains(splat.center);
   });
   const auto visible = PictureRays(splats, scene.transfer_function, scene.camera).visible_values();
   return visible ? with_visible_colors(scene.transfer_function, *visible) : scene.transfer_function;

@@ -458,7 +458,7 @@ std::vector<Ray> choose_rays(const std::vector<Ellipsoid>& ellipsoids, const Vie
 }  // namespace
 
 struct PictureRays::Contents {
-  std::vector<SurveySplat> splats;
+  const std::vector<SurveySplat>& splats;
   TransferFunction function;
   std::vector<Ellipsoid> ellipsoids;
   std::vector<Ray> rays;

@@ -31,6 +31,7 @@ struct VisibleValues {
 /// 512 pixels, but by no more than a small part of the picture: so small cells count like large ones.
 class PictureRays {
  public:
+  /// The splats must outlive the rays.
   PictureRays(const std::vector<SurveySplat>& splats, const TransferFunction& function, const Camera& camera);
   PictureRays(const PictureRays&) = delete;
   PictureRays& operator=(const PictureRays&) = delete;

@@ -9,7 +9,6 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
-#include <random>
 #include <thread>
 
 #include "base/addresses.h"
@@ -18,6 +17,7 @@
 #include "tests/support/nginx.h"
 #include "tests/support/results.h"
 #include "tests/support/scripted_server.h"
+#include "tests/support/source_reads.h"
 #include "tests/support/temp_folder.h"
 
 namespace splatvol::test {
@@ -27,17 +27,6 @@ using std::chrono::milliseconds;
 using namespace ::testing;
 
 constexpr std::size_t head_bytes = 32u << 10;  // that opening asks for
-
-std::string random_text(std::size_t bytes, std::uint32_t seed) {
-  std::mt19937 random(seed);
-  std::string text(bytes, '\0');
-  for (char& c : text) c = static_cast<char>(random());
-  return text;
-}
-
-Status read(ByteSource& source, std::uint64_t offset, std::string& out) {
-  return source.read(offset, std::as_writable_bytes(std::span(out)));
-}
 
 void expect_one_line(const Error& error, const std::string& name, const std::string& reason) {
   EXPECT_THAT(error.message, StartsWith(name + ": "));
@@ -71,21 +60,7 @@ TEST_F(HttpSource, ReadsRandomRangesFromSeveralThreads) {
   ASSERT_EQ(source->size(), text_.size());
   EXPECT_EQ(source->name(), nginx_->url("data"));
 
-  constexpr std::uint32_t thread_count = 6;
-  std::array<std::string, thread_count> mistakes;
-  std::vector<std::thread> threads;
-  for (std::uint32_t t = 0; t < thread_count; ++t)
-    threads.emplace_back([&, t] {
-      std::mt19937 random(t);
-      for (int i = 0; i < 50; ++i) {
-        const std::size_t offset = random() % (text_.size() + 1);
-        std::string out(random() % (text_.size() - offset + 1), '?');
-        if (const Status status = read(*source, offset, out); !status) mistakes[t] = status.error().message;
-        if (out != text_.substr(offset, out.size())) mistakes[t] += " other bytes";
-      }
-    });
-  for (std::thread& thread : threads) thread.join();
-  EXPECT_THAT(mistakes, Each(""));
+  EXPECT_THAT(mistakes_of_threads(*source, text_), Each(""));
 }
 
 TEST_F(HttpSource, ReadsEveryRangeAroundTheEndsAndNoneThatLeavesTheFile) {
@@ -95,7 +70,7 @@ TEST_F(HttpSource, ReadsEveryRangeAroundTheEndsAndNoneThatLeavesTheFile) {
     for (std::size_t offset = near - 2; offset <= near + 2; ++offset)
       for (std::size_t count = 0; count <= 3; ++count) {
         std::string out(count, '?');
-        const Status status = read(*source, offset, out);
+        const Status status = read_at(*source, offset, out);
         EXPECT_EQ(status.has_value(), offset + count <= size) << offset << '+' << count;
         if (status)
           EXPECT_EQ(out, text_.substr(offset, count));
@@ -110,10 +85,10 @@ TEST_F(HttpSource, ReadsEveryRangeAroundTheEndsAndNoneThatLeavesTheFile) {
 TEST_F(HttpSource, AsksForWhatIsReadAndNothingElse) {
   const auto source = open_url(nginx_->url("data")).value();
   std::string all(text_.size(), '?'), first(head_bytes, '?'), middle(1000, '?'), last(1, '?');
-  EXPECT_TRUE(read(*source, 0, first));  // these came with the size
-  EXPECT_TRUE(read(*source, 100'000, middle));
-  EXPECT_TRUE(read(*source, text_.size() - 1, last));
-  EXPECT_TRUE(read(*source, 0, all));
+  EXPECT_TRUE(read_at(*source, 0, first));  // these came with the size
+  EXPECT_TRUE(read_at(*source, 100'000, middle));
+  EXPECT_TRUE(read_at(*source, text_.size() - 1, last));
+  EXPECT_TRUE(read_at(*source, 0, all));
   EXPECT_EQ(first + middle + last, text_.substr(0, head_bytes) + text_.substr(100'000, 1000) + text_.back());
   EXPECT_EQ(all, text_);
   nginx_.reset();  // its log is complete
@@ -133,7 +108,7 @@ TEST_F(HttpSource, ReadsManyPartsByOneRequest) {
     for (std::size_t i = 0; i < count; ++i) EXPECT_EQ(texts[i], text_.substr(40'000 + 2'000 * i, texts[i].size()));
   }
   std::string last(1, '?');  // when it is answered, the answers before are in the log
-  EXPECT_TRUE(read(*source, 299'999, last));
+  EXPECT_TRUE(read_at(*source, 299'999, last));
   const auto of_parts = [](const std::string& line) { return line.find("40000-") != std::string::npos; };
   EXPECT_EQ(std::ranges::count_if(log(), of_parts), 3);
 }
@@ -143,9 +118,9 @@ TEST_F(HttpSource, ReadsFilesShorterThanTheFirstRequest) {
   const auto source = open_url(nginx_->url("short")).value();
   ASSERT_EQ(source->size(), 10u);
   std::string out(10, '?');
-  EXPECT_TRUE(read(*source, 0, out));
+  EXPECT_TRUE(read_at(*source, 0, out));
   EXPECT_EQ(out, "0123456789");
-  EXPECT_FALSE(read(*source, 1, out));
+  EXPECT_FALSE(read_at(*source, 1, out));
 }
 
 TEST_F(HttpSource, RefusesWhatIsNotServedInRanges) {
@@ -177,7 +152,7 @@ TEST_F(HttpSource, NoticesAFileThatIsReplacedWhileOpen) {
                                                               std::chrono::hours(text.size() == text_.size() ? 1 : 0));
     std::filesystem::rename(folder_.path("new"), folder_.path(name));
     std::string out(100, '?');
-    const Status status = read(*source, 200'000, out);
+    const Status status = read_at(*source, 200'000, out);
     return status ? "read" : status.error().message;
   };
   for (const std::size_t bytes : {text_.size(), text_.size() + 1, std::size_t{100'000}, std::size_t{0}})
@@ -190,7 +165,7 @@ TEST_F(HttpSource, OneNameForFilesAndAddresses) {
   for (const std::string& name : {nginx_->url("data"), folder_.path("data")}) {
     const auto source = value_of(open_file_or_url(name));
     EXPECT_EQ(source->name(), name);
-    EXPECT_TRUE(read(*source, 0, out));
+    EXPECT_TRUE(read_at(*source, 0, out));
     EXPECT_EQ(out, text_);
   }
 }
@@ -249,7 +224,7 @@ std::string outcome(const ScriptedServer& server, const HttpOptions& options) {
   const auto source = open_url(server.url("data"), options);
   if (!source) return source.error().message;
   std::string out(1000, '?');
-  const Status status = read(**source, 50'000, out);
+  const Status status = read_at(**source, 50'000, out);
   if (!status) return status.error().message;
   return out == served().substr(50'000, 1000) ? "read" : "other bytes";
 }
@@ -356,7 +331,7 @@ TEST(MisbehavingServer, WithoutPartsIsNotAskedAgain) {
     EXPECT_EQ(outcome_of_parts(*source), "cannot");
     EXPECT_EQ(server.requests().size(), requests);
     std::string out(1000, '?');
-    EXPECT_TRUE(read(*source, 50'000, out)) << reply.text;
+    EXPECT_TRUE(read_at(*source, 50'000, out)) << reply.text;
     EXPECT_EQ(out, served().substr(50'000, 1000));
   }
 }
@@ -405,8 +380,8 @@ TEST(MisbehavingServer, AWaitIsInterrupted) {
     std::thread reader([&] {
       const Interruptible interruptible(stop.get_token());
       std::string out(1000, '?');
-      status = read(*source, 50'000, out);
-      later = read(*source, 50'000, out);
+      status = read_at(*source, 50'000, out);
+      later = read_at(*source, 50'000, out);
     });
     while (server.requests().size() < 2) std::this_thread::sleep_for(milliseconds(1));
     std::this_thread::sleep_for(milliseconds(100));  // it waits
@@ -477,7 +452,7 @@ TEST(MisbehavingServer, ManyRequestsGoThroughOneConnection) {
   const auto source = open_url(server.url("data")).value();
   for (int i = 0; i < 20; ++i) {
     std::string out(1000, '?');
-    ASSERT_TRUE(read(*source, 50'000, out));
+    ASSERT_TRUE(read_at(*source, 50'000, out));
   }
   const auto requests = server.requests();
   EXPECT_EQ(requests.size(), 21u);
@@ -499,7 +474,7 @@ TEST(MisbehavingServer, WhatIsSecretInAnAddressIsSentAndNotTold) {
   const auto source = open_url(url).value();
   EXPECT_EQ(source->name(), server.url("a@b"));
   std::string out(1000, '?');
-  const Status status = read(*source, 50'000, out);
+  const Status status = read_at(*source, 50'000, out);
   ASSERT_FALSE(status);
   expect_one_line(status.error(), server.url("a@b"), "404");
   EXPECT_THAT(server.requests().at(0), StartsWith("GET /a@b?token=abc HTTP/1.1\r\n"));

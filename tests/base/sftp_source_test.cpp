@@ -10,7 +10,6 @@
 #include <array>
 #include <filesystem>
 #include <limits>
-#include <random>
 #include <thread>
 
 #include "base/interruption.h"
@@ -19,6 +18,7 @@
 #include "tests/support/results.h"
 #include "tests/support/sftp_answers.h"
 #include "tests/support/sftp_server.h"
+#include "tests/support/source_reads.h"
 #include "tests/support/temp_folder.h"
 
 namespace splatvol::test {
@@ -28,17 +28,6 @@ using std::chrono::milliseconds;
 using namespace ::testing;
 
 constexpr std::size_t head_bytes = 32u << 10;  // that opening reads
-
-std::string random_text(std::size_t bytes, std::uint32_t seed) {
-  std::mt19937 random(seed);
-  std::string text(bytes, '\0');
-  for (char& c : text) c = static_cast<char>(random());
-  return text;
-}
-
-Status read_at(ByteSource& source, std::uint64_t offset, std::string& out) {
-  return source.read(offset, std::as_writable_bytes(std::span(out)));
-}
 
 // A folder with a file, and shells' command lines that stand in for ssh.
 struct SftpTest : FolderTest {
@@ -73,7 +62,7 @@ cut() {{ pass $1; kill $(cat server); }}
     return by(script + "exec cat > /dev/null");
   }
 
-  // Of what a server is asked.
+  // Returns the bytes of the requests that open a file.
   [[nodiscard]] std::size_t opening_bytes() const {
     return sftp_init().size() + sftp_open(1, path("data")).size() + sftp_fstat(2, "h").size();
   }
@@ -111,21 +100,7 @@ TEST_F(SftpSource, ReadsRandomRangesFromSeveralThreads) {
   ASSERT_EQ(source->size(), text_.size());
   EXPECT_EQ(source->name(), url());
 
-  constexpr std::uint32_t thread_count = 6;
-  std::array<std::string, thread_count> mistakes;
-  std::vector<std::thread> threads;
-  for (std::uint32_t t = 0; t < thread_count; ++t)
-    threads.emplace_back([&, t] {
-      std::mt19937 random(t);
-      for (int i = 0; i < 50; ++i) {
-        const std::size_t offset = random() % (text_.size() + 1);
-        std::string out(random() % (text_.size() - offset + 1), '?');
-        if (const Status status = read_at(*source, offset, out); !status) mistakes[t] = status.error().message;
-        if (out != text_.substr(offset, out.size())) mistakes[t] += " other bytes";
-      }
-    });
-  for (std::thread& thread : threads) thread.join();
-  EXPECT_THAT(mistakes, Each(""));
+  EXPECT_THAT(mistakes_of_threads(*source, text_), Each(""));
 }
 
 TEST_F(SftpSource, ReadsEveryRangeAroundTheEndsAndNoneThatLeavesTheFile) {

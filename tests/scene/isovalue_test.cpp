@@ -132,9 +132,15 @@ TEST(Shells, StandForContours) {
 TEST(Shells, LeaveTheVolumeAsItIs) {
   Scene scene = with_contours(ValueAxis::linear);
   scene.transfer_function.densities = {{0, 1}, {1, 2}};
-  const TransferFunction shells = with_shells(scene, 10).transfer_function;
-  for (const double value : {-1.0, 20.0, 50.0, 99.0, 150.0})
-    EXPECT_NEAR(shells.extinction(value), scene.transfer_function.extinction(value), 1e-9) << value;
+  const double of_shell =
+      with_shells(scene, 10).transfer_function.extinction(200) - scene.transfer_function.extinction(200);
+  for (const double factor : {1.0, 4.0}) {
+    scene.transfer_function.density_factor = factor;
+    const TransferFunction shells = with_shells(scene, 10).transfer_function;
+    for (const double value : {-1.0, 20.0, 50.0, 99.0, 150.0})
+      EXPECT_NEAR(shells.extinction(value), scene.transfer_function.extinction(value), 1e-9) << value;
+    EXPECT_NEAR(shells.extinction(200) - scene.transfer_function.extinction(200), of_shell, 1e-9 * of_shell);
+  }
   scene.contours.clear();
   EXPECT_EQ(with_shells(scene, 10), scene);
 }
