@@ -20,8 +20,8 @@
 #include <utility>
 #include <vector>
 
-#include "base/file_head.h"
 #include "base/interruption.h"
+#include "base/server_file.h"
 
 namespace splatvol {
 namespace {
@@ -285,7 +285,7 @@ class Exchange {
       failure_ = status == 206 ? check() : failure_of_status(handle_, status);
   }
 
-  static Failure changed() { return {"the file changed on the server while it was open"}; }
+  static Failure changed() { return {file_changed}; }
 
   const Connection& connection_;
   std::optional<Content>& content_;
@@ -430,7 +430,7 @@ class HttpSource final : public ByteSource {
 
   std::uint64_t size() const override { return content_->size; }
   const std::string& name() const override { return name_; }
-  std::uint64_t cheap_gap() const override { return 64u << 10; }
+  std::uint64_t cheap_gap() const override { return gap_on_servers; }
 
   // Must be called first.
   Status open() {

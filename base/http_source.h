@@ -9,6 +9,7 @@
 
 #include "base/error.h"
 #include "base/file.h"
+#include "base/server_file.h"
 
 namespace splatvol {
 
@@ -18,7 +19,7 @@ struct HttpOptions {
   std::chrono::milliseconds first_wait{250};       // before the second attempt; doubles with each attempt
   std::chrono::milliseconds longest_wait{60'000};  // fails if the server asks for a longer wait (Retry-After)
   std::chrono::milliseconds connect_timeout{10'000};
-  std::chrono::seconds stall_timeout{30};                    // longest time below `slowest`
+  std::chrono::seconds stall_timeout = usual_stall_timeout;  // longest time below `slowest`
   long slowest = 1024;                                       // bytes a second
   std::function<void(std::chrono::milliseconds)> wait = {};  // called to wait; empty: sleeps
 };

@@ -15,9 +15,9 @@
 #include <type_traits>
 #include <utility>
 
-#include "base/file_head.h"
 #include "base/interruption.h"
 #include "base/program.h"
+#include "base/server_file.h"
 #include "base/sftp_protocol.h"
 
 namespace splatvol {
@@ -191,7 +191,7 @@ class SftpSource final : public ByteSource {
 
   std::uint64_t size() const override { return content_->size; }
   const std::string& name() const override { return address_.name; }
-  std::uint64_t cheap_gap() const override { return 64u << 10; }
+  std::uint64_t cheap_gap() const override { return gap_on_servers; }
 
   // Must be called first.
   Status open() {
@@ -255,8 +255,7 @@ class SftpSource final : public ByteSource {
   void connect(Lock& lock) {
     lock.unlock();
     auto session = SftpSession::open(address_, options_);
-    if (session && content_ && (*session)->content() != *content_)
-      session = fail(ErrorCode::io, "the file changed on the server while it was open");
+    if (session && content_ && (*session)->content() != *content_) session = fail(ErrorCode::io, "{}", file_changed);
     lock.lock();
     if (!session && is_interrupted()) return;
     if (!session) return give_up(session.error());

@@ -8,14 +8,15 @@
 
 #include "base/error.h"
 #include "base/file.h"
+#include "base/server_file.h"
 
 namespace splatvol {
 
 /// How a source reaches its server, and how long it waits.
 struct SftpOptions {
-  std::vector<std::string> command = {};               // of a program that speaks SFTP; empty: ssh
-  std::chrono::milliseconds connect_timeout{120'000};  // meanwhile somebody may type a password
-  std::chrono::milliseconds stall_timeout{30'000};     // longest time in which no read ends
+  std::vector<std::string> command = {};                          // of a program that speaks SFTP; empty: ssh
+  std::chrono::milliseconds connect_timeout{120'000};             // meanwhile somebody may type a password
+  std::chrono::milliseconds stall_timeout = usual_stall_timeout;  // longest time in which no read ends
 };
 
 /// The parts of an address, ssh://[USER@]HOST[:PORT]/PATH.

@@ -3,11 +3,8 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <array>
 #include <cctype>
-#include <cmath>
 #include <cstdint>
-#include <cstdlib>
 #include <filesystem>
 #include <functional>
 #include <iterator>
@@ -15,7 +12,6 @@
 #include <optional>
 #include <set>
 #include <span>
-#include <sstream>
 #include <string_view>
 #include <system_error>
 #include <utility>
@@ -152,55 +148,6 @@ bool is_plain_folder(const std::string& input) {
   return std::filesystem::is_directory(input, error) && !is_openfoam_case(input);
 }
 
-// Returns a text of a case without comments; empty: there is none, or it is long.
-std::string text_of_case(const std::filesystem::path& path) {
-  constexpr std::uintmax_t longest = std::uintmax_t{1} << 20;
-  std::error_code error;
-  if (const auto bytes = std::filesystem::file_size(path, error); error || bytes > longest) return {};
-  const std::string text = read_text_file(path).value_or("");
-  std::string plain;
-  for (std::size_t at = 0; at < text.size();) {
-    const bool is_block = text.compare(at, 2, "/*") == 0, is_line = text.compare(at, 2, "//") == 0;
-    if (!is_block && !is_line) {
-      plain += text[at++];
-      continue;
-    }
-    const std::size_t end = text.find(is_block ? "*/" : "\n", at + 2);
-    at = end == std::string::npos ? text.size() : end + (is_block ? 2 : 0);
-  }
-  return plain;
-}
-
-// Returns the axis of the gravity of a case, such as "value (0 0 -9.81);"; none without one.
-std::optional<int> axis_of_gravity(const std::filesystem::path& folder) {
-  const std::string text = text_of_case(folder / "constant" / "g");
-  const std::size_t value = text.find("value"), open = text.find('(', value);
-  if (value == std::string::npos || open == std::string::npos) return {};
-  std::array<double, 3> gravity{};
-  const char* at = text.c_str() + open + 1;
-  for (double& component : gravity) {
-    char* end = nullptr;
-    component = std::abs(std::strtod(at, &end));
-    if (end == at || !std::isfinite(component)) return {};
-    at = end;
-  }
-  const auto largest = std::ranges::max_element(gravity);
-  return *largest > 0 ? std::optional(static_cast<int>(largest - gravity.begin())) : std::nullopt;
-}
-
-// Whether a case is one cell thick: it has patches of the type `empty`.
-bool is_flat_case(const std::filesystem::path& folder) {
-  std::istringstream words(text_of_case(folder / "constant" / "polyMesh" / "boundary"));
-  for (std::string word, before; words >> word; before = word)
-    if (before == "type" && word == "empty;") return true;
-  return false;
-}
-
-// Flat cases lie in the plane of x and y by OpenFOAM's convention.
-int up_of_case(const std::filesystem::path& folder) {
-  return axis_of_gravity(folder).value_or(is_flat_case(folder) ? 1 : 2);
-}
-
 }  // namespace
 
 Result<std::vector<std::string>> expand_folders(const std::vector<std::string>& inputs) {
@@ -234,16 +181,6 @@ std::vector<std::string> files_left_out(const std::vector<std::string>& inputs) 
       if (const auto path = std::filesystem::path(input) / name; holds_data(path)) paths.push_back(path.string());
   }
   return paths;
-}
-
-int usual_up(const std::vector<std::string>& inputs) {
-  for (const std::string& input : inputs) {
-    if (is_openfoam_case(input)) return up_of_case(input);
-    if (format_of_name(input) != InputFormat::openfoam) continue;
-    const std::filesystem::path folder = folder_of(input);  // system/controlDict may be the input
-    return up_of_case(folder.filename() == "system" ? folder.parent_path() : folder);
-  }
-  return -1;
 }
 
 }  // namespace splatvol

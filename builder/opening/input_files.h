@@ -15,8 +15,4 @@ namespace splatvol {
 /// Returns the files in folders that hold data, but that expand_folders() leaves out for their names.
 [[nodiscard]] std::vector<std::string> files_left_out(const std::vector<std::string>& inputs);
 
-/// Returns the axis that points upwards, 0 to 2: of a case of OpenFOAM that of its gravity (constant/g), else y if it
-/// has patches of the type `empty`, else z. -1: the inputs' format has no convention.
-[[nodiscard]] int usual_up(const std::vector<std::string>& inputs);
-
 }  // namespace splatvol

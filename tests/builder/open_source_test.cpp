@@ -876,29 +876,5 @@ TEST_F(SourceTest, Wing) {
   EXPECT_EQ(input.census.inverted + input.census.flat + input.census.hidden, 0u);
 }
 
-struct UsualUp : test::FolderTest {
-  void SetUp() override { write("case/system/controlDict", ""); }
-  [[nodiscard]] int up() const { return usual_up({path("case")}); }
-};
-
-TEST_F(UsualUp, IsThatOfGravityElseOfAFlatCaseElseZ) {
-  EXPECT_EQ(up(), 2);
-  write("case/constant/polyMesh/boundary", "1 ( front // type empty;\n { type wall; } )");
-  EXPECT_EQ(up(), 2);
-  write("case/constant/polyMesh/boundary", "1 ( front { type empty; nFaces 4; } )");
-  EXPECT_EQ(up(), 1);
-  write("case/constant/g", "/* value (1 0 0) */ dimensions [0 1 -2 0 0 0 0]; value (0 0 -9.81);");
-  EXPECT_EQ(up(), 2);
-  write("case/constant/g", "value ( 0 -9.81 0 );");
-  EXPECT_EQ(up(), 1);
-  EXPECT_EQ(usual_up({path("case/case.foam")}), 1);
-  EXPECT_EQ(usual_up({path("case/system/controlDict")}), 1);
-  for (const char* none : {"value (0 0 0);", "value (a b c);", "value", "", "value (0 0 inf);"}) {
-    write("case/constant/g", none);
-    EXPECT_EQ(up(), 1) << none;
-  }
-  EXPECT_EQ(usual_up({"mesh.vtu"}), -1);
-}
-
 }  // namespace
 }  // namespace splatvol::test

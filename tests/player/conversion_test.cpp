@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <filesystem>
+#include <memory>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -116,14 +117,14 @@ TEST_F(ConversionTest, FailsIfTheFileIsNotThere) {
 }
 
 TEST_F(ConversionTest, AnInterruptionEndsSvbuild) {
-  std::stop_source stop;
-  const Interruptible interruptible(stop.get_token());
+  const auto stop = std::make_unique<std::stop_source>();  // GCC 12 takes one on the stack for uninitialized
+  const Interruptible interruptible(stop->get_token());
   const std::string program = script(
       "trap 'touch interrupted; exit 1' INT\n"
       "echo '{\"stage\":\"read\",\"share\":0,\"seconds_left\":null}'\n"
       "while read word; do :; done\n");
   const auto file = convert(
-      {{"a.vtu"}}, [&](const ConversionProgress&) { stop.request_stop(); }, program);
+      {{"a.vtu"}}, [&](const ConversionProgress&) { stop->request_stop(); }, program);
   ASSERT_FALSE(file);
   EXPECT_EQ(file.error().code, ErrorCode::cancelled);
   EXPECT_TRUE(has("interrupted"));

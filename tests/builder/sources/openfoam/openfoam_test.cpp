@@ -15,6 +15,7 @@
 #include "builder/sources/openfoam/foam_case.h"
 #include "builder/sources/openfoam/foam_dimensions.h"
 #include "builder/sources/openfoam/foam_rounding.h"
+#include "builder/sources/openfoam/foam_up.h"
 #include "builder/sources/reader_error.h"
 #include "tests/support/openfoam_files.h"
 #include "tests/support/temp_folder.h"
@@ -588,6 +589,33 @@ TEST(FoamRounding, MovesACoordinateByHalfAStepAtMost) {
   EXPECT_EQ(points[0].y, -points[0].x);
   EXPECT_EQ(points[1].z, 0);
   EXPECT_FALSE(std::signbit(points[1].z));
+}
+
+struct UsualUp : test::FolderTest {
+  void SetUp() override { write("case/system/controlDict", ""); }
+  [[nodiscard]] int up() const { return usual_up({path("case")}); }
+};
+
+TEST_F(UsualUp, IsThatOfGravityElseOfAFlatCaseElseZ) {
+  EXPECT_EQ(up(), 2);
+  write("case/constant/polyMesh/boundary", "1 ( front // type empty;\n { type wall; nFaces 4; startFace 0; } )");
+  EXPECT_EQ(up(), 2);
+  write("case/constant/polyMesh/boundary", "1 ( front { type empty; nFaces 4; startFace 0; } )");
+  EXPECT_EQ(up(), 1);
+  write("case/constant/g", "/* value (1 0 0) */ dimensions [0 1 -2 0 0 0 0]; value (0 0 -9.81);");
+  EXPECT_EQ(up(), 2);
+  write("case/constant/g", "value ( 0 -9.81 0 );");
+  EXPECT_EQ(up(), 1);
+  EXPECT_EQ(usual_up({path("case/case.foam")}), 1);
+  EXPECT_EQ(usual_up({path("case/system/controlDict")}), 1);
+  write("case/constant/g", "size -9.81; value ($size 0 0);");
+  EXPECT_EQ(up(), 0);
+  for (const char* none : {"value (0 0 0);", "value (a 0 1);", "value", "", "value (0 0 inf);", "value (0 -9.81 0)",
+                           "value (0 0 -9.81 0);", "value (0 #calc \"1\" 0);"}) {
+    write("case/constant/g", none);
+    EXPECT_EQ(up(), 1) << none;
+  }
+  EXPECT_EQ(usual_up({"mesh.vtu"}), -1);
 }
 
 }  // namespace

@@ -1,7 +1,8 @@
-// The first bytes of a file on a server, which most readers ask for first.
+// What files on servers have in common, over HTTP and by ssh.
 #pragma once
 
 #include <algorithm>
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -12,7 +13,16 @@
 
 namespace splatvol {
 
-/// Bytes of a file that are kept from its beginning on.
+/// Longest time that a read waits while nothing, or next to nothing, comes.
+inline constexpr std::chrono::seconds usual_stall_timeout{30};
+
+/// ByteSource::cheap_gap(): what a server sends in the time that a request of its own takes.
+inline constexpr std::uint64_t gap_on_servers = 64u << 10;
+
+/// The message of a read of a file that is not the one that was opened: its size, or what tells its state, differs.
+inline constexpr const char* file_changed = "the file changed on the server while it was open";
+
+/// The first bytes of a file, which most readers ask for first.
 class FileHead {
  public:
   /// A reader of .svol files asks for at least these first, so opening costs no extra request.
