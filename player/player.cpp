@@ -21,14 +21,6 @@
 namespace splatvol {
 namespace {
 
-Status check_time(double seconds) {
-  if (seconds > 0 && std::isfinite(seconds)) return {};
-  return fail(ErrorCode::invalid_argument, "{} seconds are no time to draw in", seconds);
-}
-
-// The part of draw_within's time that the drawing of splats may take. The rest is for choosing them.
-constexpr double drawing_share = 0.7;
-
 // With surfaces or slices, a picture in a time has at least so many splats. Fewer are no faster: each is larger, and
 // surfaces are compared with each of its pixels.
 constexpr std::uint64_t least_among_surfaces = std::uint64_t{1} << 15;
@@ -48,17 +40,6 @@ tl::unexpected<Error> fail_two_surfaces() {
 
 // Rays that measure an error meet about as many cells as a picture does. Two cores need a tenth of a second for 2^21.
 constexpr std::uint64_t most_tetrahedra_for_rays = std::uint64_t{1} << 21;
-
-Detail detail_of(const Rung& rung) { return {.goal = ErrorGoal{0, rung.splats}}; }
-
-Detail detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
-  Detail detail;
-  if (request.coarser > 0)
-    detail.resolution = std::max<std::size_t>(resolutions, request.coarser + 1) - 1 - request.coarser;
-  else
-    detail.goal = request.goal;
-  return detail;
-}
 
 // What cannot be read is left out: whoever shows the step meets the error.
 StepCells read_cells(const format::Steps& steps, std::size_t step, const Scene& scene, const PartRoom& room) {
@@ -378,20 +359,20 @@ View Player::view_now() const {
   return view;
 }
 
-Status Player::choose(const FrameRequest& request) {
+Status Player::choose(const Detail& asked, std::optional<double> wait_seconds) {
   const Call call(*this);
   const auto start = Clock::now();
   frame_ = nullptr;
   if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
-  request_ = request;
-  Detail detail = request.detail;
+  asked_detail_ = asked;
+  asked_seconds_ = wait_seconds;
+  Detail detail = asked;
   detail.device_splats = std::min(detail.device_splats, device_splats());
   if (detail.device_splats == 0)
     return fail(ErrorCode::out_of_budget, "{} bytes of GPU memory are too few for a picture of {} x {} pixels",
                 options_.gpu_memory, scene_.width, scene_.height);
-  auto chosen = request.wait_seconds
-                    ? streamer_->advance(view_now(), transfer_of(scene_), detail, *request.wait_seconds)
-                    : streamer_->request(view_now(), transfer_of(scene_), detail);
+  auto chosen = wait_seconds ? streamer_->advance(view_now(), transfer_of(scene_), detail, *wait_seconds)
+                             : streamer_->request(view_now(), transfer_of(scene_), detail);
   SPLATVOL_TRY(call.check());
   if (!chosen) return tl::unexpected(chosen.error());
   frame_ = *chosen;
@@ -408,13 +389,13 @@ Status Player::set_draw_list() {
     if (set.error().code != ErrorCode::out_of_budget || frame_->splats >= before) return set;
     before = frame_->splats;
     room_ = std::max<std::uint64_t>(std::min(device_splats(), frame_->splats) / 8 * 7, 1);
-    SPLATVOL_TRY(choose(request_));
+    SPLATVOL_TRY(choose(Detail(asked_detail_), asked_seconds_));
   }
 }
 
-Status Player::draw(const DrawOptions& options) {
+Status Player::draw_chosen(int sample_spacing) {
   if (!frame_) return fail(ErrorCode::invalid_argument, "{}: no splats are chosen to be drawn", steps_.name());
-  draw_options_ = options;
+  asked_spacing_ = sample_spacing;
   if (shows_contours()) return fail_without_contours();
   const auto start = Clock::now();
   const double chosen_in = times_.frame;
@@ -423,8 +404,8 @@ Status Player::draw(const DrawOptions& options) {
   const double set_seconds = seconds_since(start);
   const View view = view_now();
   sort_ = sort_of(options_.drawing);
-  sample_spacing_ = options.sample_spacing > 0
-                        ? options.sample_spacing
+  sample_spacing_ = sample_spacing > 0
+                        ? sample_spacing
                         : options_.drawing.sample_spacing.value_or(automatic_sample_spacing(view, frame_->detail));
   SPLATVOL_TRY_ASSIGN(times, shows_surfaces() ? draw_with_surfaces(view) : draw_volume(view));
   times.upload += set_seconds;
@@ -567,7 +548,7 @@ std::uint64_t Player::sweep_memory() {
   return sweep_room_.bytes();
 }
 
-Status Player::draw_exact(const std::function<void(double)>& progress, int sample_spacing) {
+Status Player::draw_cells(int sample_spacing, const DrawProgress& progress) {
   const Call call(*this);
   exact_.reset();
   const auto start = Clock::now();
@@ -616,72 +597,140 @@ Result<const Image*> Player::image_or_copy(Image& copy) const {
   return &copy;
 }
 
-Status Player::draw_frame(const FrameRequest& request, const DrawOptions& options) {
+Outcome Player::outcome() const {
+  if (exact_) return {.recipe = Recipe::of_cells(sample_spacing_)};
+  const FrameSplats& frame = *frame_;
+  Outcome outcome{.recipe = {frame.detail, sample_spacing_},
+                  .splats = frame.splats,
+                  .finest = frame.finest,
+                  .fragments = times_.draw.fragments};
+  outcome.recipe.splats->device_splats = Detail().device_splats;
+  if (frame.progress.complete) outcome.expected_error = frame.goal_error;
+  // Of a complete frame counts what was allowed: the next finer cut may have many times as many splats.
+  if (!frame.progress.settled)
+    outcome.recipe = Recipe::of_splats(std::max<std::uint64_t>(frame.splats, 1), sample_spacing_);
+  return outcome;
+}
+
+Result<Outcome> Player::draw(const Recipe& recipe, std::optional<double> wait_seconds, const DrawProgress& progress) {
   const Call call(*this);
-  SPLATVOL_TRY(choose(request));
-  return draw(options);
+  if (recipe.is_exact()) {
+    SPLATVOL_TRY(draw_cells(recipe.sample_spacing, progress));
+  } else {
+    SPLATVOL_TRY(choose(*recipe.splats, wait_seconds));
+    SPLATVOL_TRY(draw_chosen(recipe.sample_spacing));
+  }
+  return outcome();
+}
+
+// Draws splats of parts that are there or come in time.
+Result<Outcome> Player::draw_in(const Recipe& recipe, double seconds) {
+  const auto start = Clock::now();
+  double draw_seconds = 0;
+  if (recipe.is_exact()) {
+    SPLATVOL_TRY(draw_cells(recipe.sample_spacing, {}));
+    draw_seconds = times_.frame;
+  } else {
+    SPLATVOL_TRY(choose(*recipe.splats, 0));
+    if (!frame_->progress.settled) {
+      const double share =
+          std::min(1.0, static_cast<double>(frame_->splats) / static_cast<double>(recipe.most_splats()));
+      const double wait_seconds = seconds - seconds_since(start) - share * drawing_share * seconds;
+      if (wait_seconds > 0) SPLATVOL_TRY(choose(*recipe.splats, wait_seconds));
+    }
+    const auto draw_start = Clock::now();
+    SPLATVOL_TRY(draw_chosen(recipe.sample_spacing));
+    draw_seconds = seconds_since(draw_start);
+  }
+  Outcome drawn = outcome();
+  drawn.seconds = draw_seconds;
+  return drawn;
+}
+
+// Draws a picture again, from a place too near to be seen apart: a frame of a moving camera, to be timed. The last one
+// is of the view itself.
+Result<Outcome> Player::draw_steadily(const Recipe& recipe) {
+  is_nudged_ = !recipe.is_exact();
+  SPLATVOL_TRY(draw(recipe));
+  SPLATVOL_TRY(draw_again());
+  Outcome drawn = outcome();
+  drawn.seconds = times_.frame;
+  return drawn;
+}
+
+Result<bool> Player::draw_next(Chooser& chooser) {
+  const Call call(*this);
+  Chooser::Needs needs = chooser.needs();
+  if (needs.cells != Chooser::Cells::none && !may_draw_cells()) {
+    if (shows_contours()) return tl::unexpected(fail_without_contours().error());
+    needs.cells = Chooser::Cells::none;
+  }
+  SPLATVOL_TRY_ASSIGN(choices, this->choices(needs));
+  const bool will_hold = choices.cells && kept_cells_->may_hold_all() &&
+                         (needs.cells == Chooser::Cells::all || !streamer_->volume().is_far());
+  if (will_hold) choices.cells->unread = 0;
+  const std::optional<Recipe> recipe = chooser.next(choices);
+  if (!recipe) return false;
+  if (recipe->is_exact() && will_hold) SPLATVOL_TRY(hold_cells());
+  SPLATVOL_TRY_ASSIGN(drawn, needs.steady_time ? draw_steadily(*recipe)
+                             : needs.seconds   ? draw_in(*recipe, *needs.seconds)
+                                               : draw(*recipe));
+  Image copy;
+  if (needs.picture) SPLATVOL_TRY_SET(drawn.picture, image_or_copy(copy));
+  chooser.add(drawn, choices);
+  return true;
+}
+
+Status Player::draw_all(Chooser& chooser) {
+  const Call call(*this);
+  for (bool goes_on = true; goes_on;) SPLATVOL_TRY_SET(goes_on, draw_next(chooser));
+  return {};
 }
 
 Result<ChosenQuality> Player::default_quality() {
   const ChosenQuality splats{default_splats(info().point_count())};
   if (!may_draw_cells()) return splats;
-  if (shows_contours()) return ChosenQuality{{.exact = true}};
-  SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (const double segments = estimate.counted_segments(); segments > most_exact_segments)
-    return ChosenQuality{splats.quality, static_cast<std::uint64_t>(segments)};
-  if (estimate.unknown_cells > 0) return splats;
-  return ChosenQuality{{.exact = true}};
+  SPLATVOL_TRY_ASSIGN(choices, this->choices({.cells = Chooser::Cells::all}));
+  if (!choices.cells) return splats;
+  if (spacing_of_cells(choices) > 0) return ChosenQuality{{.exact = true}};
+  const double segments = choices.cells->segment_work * choices.cells->segments;
+  return ChosenQuality{splats.quality, static_cast<std::uint64_t>(segments)};
 }
 
-Result<DrawnPicture> Player::draw_picture(const Quality& quality, const std::function<void(double)>& progress) {
+Result<DrawnPicture> Player::draw_picture(const Quality& quality, const DrawProgress& progress) {
   SPLATVOL_TRY(check_quality(quality));
   const Call call(*this);
   const bool is_default = quality == Quality();
   DrawnPicture drawn{{quality}};
   if (is_default) SPLATVOL_TRY_SET(drawn.chosen, default_quality());
-  if (drawn.chosen.quality.exact) {
-    motion_.rest();
-    SPLATVOL_TRY(draw_exact(progress));
-    return drawn;
-  }
-  const Quality& splats = drawn.chosen.quality;
-  const bool is_of_motion = splats.milliseconds && splats.max_error;
+  const Quality& chosen = drawn.chosen.quality;
+  const bool is_of_motion = chosen.milliseconds && chosen.max_error;
   if (!is_of_motion) motion_.rest();
-  if (is_of_motion)
-    SPLATVOL_TRY(draw_moving({*splats.max_error, 1e-3 * *splats.milliseconds}));
-  else if (splats.milliseconds)
-    SPLATVOL_TRY(draw_within(1e-3 * *splats.milliseconds));
-  else if (splats.max_error)
-    SPLATVOL_TRY_SET(drawn.search, draw_to_error(*splats.max_error, is_default));
-  else if (is_default && options_.drawing == Drawing())
+  if (chosen.exact) {
+    SPLATVOL_TRY(draw(Recipe::of_cells(), {}, progress));
+  } else if (is_of_motion) {
+    motion_.set_limits({*chosen.max_error, 1e-3 * *chosen.milliseconds});
+    SPLATVOL_TRY(draw_next(motion_));
+  } else if (chosen.milliseconds) {
+    pacer_.set_seconds(drawing_share * 1e-3 * *chosen.milliseconds);
+    SPLATVOL_TRY(draw_next(pacer_));
+  } else if (chosen.max_error) {
+    SPLATVOL_TRY_SET(drawn.search, draw_to_error(*chosen.max_error, is_default));
+  } else if (is_default && options_.drawing == Drawing()) {
     SPLATVOL_TRY_SET(drawn.search, draw_all_points());
-  else
-    SPLATVOL_TRY(draw_frame({.detail = expected_detail(splats)}));
+  } else {
+    SPLATVOL_TRY(draw({expected_detail(chosen)}));
+  }
   return drawn;
 }
 
 // Draws all points, and finds out what error they have.
 Result<std::optional<ErrorSearch>> Player::draw_all_points() {
-  SPLATVOL_TRY_ASSIGN(rays, draw_rays());
-  std::vector<Image> coarser;
-  for (std::size_t before = 2; before > 0 && !rays && info().resolutions() > 2; --before) {
-    SPLATVOL_TRY(draw_frame({.detail = {.resolution = info().resolutions() - 1 - before}}));
-    SPLATVOL_TRY_ASSIGN(picture, image());
-    coarser.push_back(std::move(picture));
-  }
-  SPLATVOL_TRY(draw_frame({.detail = {.tolerance_percent = 0}}));
-  Image copy;
-  SPLATVOL_TRY_ASSIGN(picture, image_or_copy(copy));
-  ErrorSearch search;
-  search.pictures = static_cast<int>(coarser.size()) + 1;
-  if (rays)
-    search.estimate = {.error = error_at(rays->rays, *picture), .reached = true, .measured = true};
-  else if (!coarser.empty())
-    search.estimate = {.error = error_of_all_points(*picture, coarser[1], coarser[0]), .reached = true};
-  else
-    return std::nullopt;
-  search.estimate.file_error = search.estimate.error;
-  return search;
+  SPLATVOL_TRY_ASSIGN(drawn, draw_rays());
+  AllPoints all(info().resolutions(), drawn ? std::optional(std::move(drawn->rays)) : std::nullopt);
+  SPLATVOL_TRY(draw_all(all));
+  if (!all.estimate()) return std::nullopt;
+  return ErrorSearch{.estimate = *all.estimate(), .tried = {}, .pictures = all.pictures()};
 }
 
 bool Player::may_draw_cells() const {
@@ -690,51 +739,44 @@ bool Player::may_draw_cells() const {
   return !wants_splats && has_cells();
 }
 
-Result<Choices> Player::choices(bool with_cells, int widest_spacing) {
-  Choices choices{.points = std::clamp<std::uint64_t>(info().point_count(), 1, device_splats()),
-                  .pixels = static_cast<double>(scene_.width) * scene_.height};
-  choices.has_splats = !shows_contours();
-  if (has_layers()) {
-    choices.least_splats = least_among_surfaces;
-    choices.widest_spacing = 1;
-    if (choices.has_splats) return choices;
-    widest_spacing = 1;
-  }
-  choices.finest_spacing = options_.drawing.sample_spacing.value_or(1);
-  choices.widest_spacing = std::max(choices.finest_spacing, widest_spacing);
-  if (!with_cells) return choices;
-  SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (estimate.unknown_cells == 0 || !choices.has_splats) choices.cells = estimate.counts();
-  return choices;
-}
-
-Result<Choices> Player::moving_choices(bool with_cells) {
+Result<Choices> Player::choices(const Chooser::Needs& needs) {
+  const int finest_spacing = options_.drawing.sample_spacing.value_or(1);
   Choices choices{.points = std::clamp<std::uint64_t>(info().point_count(), 1, device_splats()),
                   .least_splats = has_layers() ? least_among_surfaces : 1,
-                  .finest_spacing = options_.drawing.sample_spacing.value_or(1),
+                  .finest_spacing = has_layers() ? 1 : finest_spacing,
+                  .widest_spacing = has_layers() ? 1 : std::max(finest_spacing, needs.widest_spacing),
                   .pixels = static_cast<double>(scene_.width) * scene_.height,
                   .direction = view_.forward};
-  choices.widest_spacing = std::max(choices.finest_spacing, widest_moving_samples);
-  if (shows_contours()) choices.added_error = error_without_contours;
-  if (!with_cells || !holds_cells()) return choices;
+  if (shows_contours())
+    choices.has_splats = false, choices.added_error = error_without_contours;
+  else
+    choices.most_segments = most_exact_segments;
+  const bool may_read = needs.cells == Chooser::Cells::all || !streamer_->volume().is_far() || holds_cells();
+  if (needs.cells == Chooser::Cells::none || (!may_read && choices.has_splats)) return choices;
+  SPLATVOL_TRY_ASSIGN(cells, open_cells());
+  const auto unread = static_cast<double>(cells->unread_tetrahedra());
+  if (unread > needs.most_unread) return choices;
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (estimate.unknown_cells == 0) choices.cells = estimate.counts();
+  if (estimate.unknown_cells > 0 && choices.has_splats) return choices;
+  choices.cells = estimate.counts();
+  choices.cells->unread = unread;
   return choices;
 }
 
-Result<std::optional<MotionControl::Outcome>> Player::try_splats(const Rung& rung) {
+Result<std::optional<Outcome>> Player::try_splats(const Recipe& recipe) {
   constexpr double wait_seconds = 0.1;
   const Call call(*this);
   if (!exact_ || !picture_) return fail(ErrorCode::invalid_argument, "{}: no exact picture is there", steps_.name());
   // Drawing replaces what is known of the last picture.
   Image exact = *std::exchange(picture_, std::nullopt);
   const auto before = std::tuple(exact_, sample_spacing_, times_);
-  const auto drawn = [&]() -> Result<std::optional<MotionControl::Outcome>> {
-    SPLATVOL_TRY(choose({.detail = detail_of(rung), .wait_seconds = wait_seconds}));
+  const auto drawn = [&]() -> Result<std::optional<Outcome>> {
+    SPLATVOL_TRY(choose(*recipe.splats, wait_seconds));
     if (!frame_->progress.settled) return std::nullopt;
     const auto start = Clock::now();
-    SPLATVOL_TRY(draw({.sample_spacing = rung.sample_spacing}));
-    MotionControl::Outcome outcome{counted(rung), times_.draw.fragments, seconds_since(start), frame_->goal_error};
+    SPLATVOL_TRY(draw_chosen(recipe.sample_spacing));
+    Outcome outcome = this->outcome();
+    outcome.seconds = seconds_since(start);
     SPLATVOL_TRY_ASSIGN(picture, image());
     SPLATVOL_TRY_ASSIGN(difference, compare_images(picture, exact));
     outcome.error = difference.rmse;
@@ -743,70 +785,6 @@ Result<std::optional<MotionControl::Outcome>> Player::try_splats(const Rung& run
   picture_ = std::move(exact);
   std::tie(exact_, sample_spacing_, times_) = before;
   return drawn;
-}
-
-Rung Player::counted(const Rung& rung) const {
-  if (frame_->progress.settled) return rung;
-  return {std::max<std::uint64_t>(frame_->splats, 1), rung.sample_spacing};
-}
-
-Status Player::draw_within(double seconds) {
-  if (pacer_.seconds() != drawing_share * seconds) pacer_.leap();
-  pacer_.set_seconds(drawing_share * seconds);
-  const int widest_spacing = options_.drawing.sample_spacing.value_or(widest_samples_in_a_time);
-  if (shows_contours()) SPLATVOL_TRY(hold_contours());
-  SPLATVOL_TRY_ASSIGN(choices, this->choices(may_draw_cells() && (holds_cells() || shows_contours()), widest_spacing));
-  const Rung rung = pacer_.next(choices);
-  SPLATVOL_TRY_ASSIGN(drawn, draw_rung(rung, seconds));
-  pacer_.add(drawn.rung, choices, drawn.fragments, drawn.seconds);
-  return {};
-}
-
-// The first picture waits for cells, so that those after it need not read.
-Status Player::draw_moving(const MotionLimits& limits) {
-  motion_.set_limits(limits);
-  if (may_draw_cells())
-    if (const auto read = cells_reader()) SPLATVOL_TRY(read());
-  if (shows_contours()) SPLATVOL_TRY(hold_contours());
-  SPLATVOL_TRY_ASSIGN(choices, moving_choices(may_draw_cells()));
-  if (has_layers()) choices.widest_spacing = choices.finest_spacing = 1;
-  if (shows_contours()) {
-    SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-    choices.cells = estimate.counts();
-    choices.has_splats = false;
-  } else {
-    choices.most_segments = most_exact_segments;
-  }
-  SPLATVOL_TRY_ASSIGN(drawn, draw_rung(motion_.next(choices), limits.seconds));
-  motion_.add(drawn, choices);
-  return {};
-}
-
-// Only cells have contours, whatever the time: they are read before it counts, if memory has room for them.
-Status Player::hold_contours() {
-  if (!may_draw_cells()) return fail_without_contours();
-  if (const auto read = cells_reader()) SPLATVOL_TRY(read());
-  return {};
-}
-
-// Draws a rung. Splats are of parts that are there or come in time.
-Result<MotionControl::Outcome> Player::draw_rung(const Rung& rung, double seconds) {
-  const auto start = Clock::now();
-  if (rung.is_exact()) {
-    SPLATVOL_TRY(draw_exact({}, rung.sample_spacing));
-    return MotionControl::Outcome{.rung = rung, .seconds = times_.frame};
-  }
-  FrameRequest request{.detail = detail_of(rung), .wait_seconds = 0};
-  SPLATVOL_TRY(choose(request));
-  if (!frame_->progress.settled) {
-    const double share = std::min(1.0, static_cast<double>(frame_->splats) / static_cast<double>(rung.splats));
-    request.wait_seconds = seconds - seconds_since(start) - share * drawing_share * seconds;
-    if (*request.wait_seconds > 0) SPLATVOL_TRY(choose(request));
-  }
-  const auto draw_start = Clock::now();
-  SPLATVOL_TRY(draw({.sample_spacing = rung.sample_spacing}));
-  const auto model = frame_->progress.complete ? std::optional(frame_->goal_error) : std::nullopt;
-  return MotionControl::Outcome{counted(rung), times_.draw.fragments, seconds_since(draw_start), model};
 }
 
 // What other programs and the scene's surfaces hide of the volume, and how. Slices are among the cells.
@@ -858,66 +836,23 @@ Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
                               .grows = grows,
                               .finest_spacing = finest_spacing,
                               .widest_spacing = may_widen ? widest_samples_of_an_error : finest_spacing,
-                              .pixels = static_cast<double>(scene_.width) * scene_.height};
+                              .pixels = static_cast<double>(scene_.width) * scene_.height,
+                              .resolutions = info().resolutions()};
   SPLATVOL_TRY_ASSIGN(rays, draw_rays());
   if (rays) {
     search.rays = std::move(rays->rays);
     if (may_draw_cells()) search.cells = rays->cells;
   }
   ErrorControl control(max_error, std::move(search));
-  Image copy;
-  while (const auto& next = control.next()) {
-    if (next->exact) {
-      SPLATVOL_TRY(draw_exact({}, next->sample_spacing));
-      control.add({.image = *picture_});
-      continue;
-    }
-    SPLATVOL_TRY(
-        draw_frame({.detail = detail_of(*next, info().resolutions())}, {.sample_spacing = next->sample_spacing}));
-    SPLATVOL_TRY_ASSIGN(picture, image_or_copy(copy));
-    const std::uint64_t allowed = frame_->detail.goal.value_or(ErrorGoal{}).max_splats;
-    control.add({*picture, frame_->splats, frame_->goal_error, frame_->finest, allowed, times_.draw.fragments});
-  }
+  SPLATVOL_TRY(draw_all(control));
   return ErrorSearch{control.estimate(), control.tried(), control.pictures(), control.learned()};
 }
 
-Result<std::vector<Rung>> Player::draw_at_pace(double seconds) {
-  SPLATVOL_TRY(check_time(seconds));
-  constexpr std::size_t most_pictures = 12, most_leaps = 3;
-  const Call call(*this);
-  const int widest_spacing = options_.drawing.sample_spacing.value_or(widest_samples_in_a_time);
-  Pacer pacer(seconds);
-  std::vector<Rung> drawn;
-  while (drawn.size() < most_pictures) {
-    // The first picture tells how fast the machine is.
-    if (shows_contours()) SPLATVOL_TRY(hold_contours());
-    const bool may_be_cells = may_draw_cells() && (shows_contours() || !drawn.empty());
-    SPLATVOL_TRY_ASSIGN(choices, this->choices(may_be_cells, widest_spacing));
-    if (choices.cells && pacer.fits({0, choices.widest_spacing}, choices)) SPLATVOL_TRY(hold_cells());
-    if (!holds_cells() && choices.has_splats) choices.cells.reset();
-    if (drawn.size() < most_leaps) pacer.leap();
-    const Rung rung = pacer.next(choices);
-    if (!drawn.empty() && rung == drawn.back()) break;
-    double fragments = 0;
-    if (rung.is_exact()) {
-      SPLATVOL_TRY(draw_exact({}, rung.sample_spacing));
-      SPLATVOL_TRY(draw_exact({}, rung.sample_spacing));
-    } else {
-      is_nudged_ = true;  // so that the second picture is of the view itself
-      SPLATVOL_TRY(draw_frame({.detail = detail_of(rung)}, {.sample_spacing = rung.sample_spacing}));
-      SPLATVOL_TRY(draw_again());
-      fragments = times_.draw.fragments;
-    }
-    drawn.push_back(rung);
-    pacer.add(rung, choices, fragments, times_.frame);
-  }
-  return drawn;
-}
-
 Status Player::draw_again() {
-  if (exact_) return draw_exact({}, sample_spacing_);
+  if (exact_) return draw_cells(sample_spacing_, {});
   is_nudged_ = !is_nudged_;
-  return draw_frame(FrameRequest(request_), draw_options_);
+  SPLATVOL_TRY(choose(Detail(asked_detail_), asked_seconds_));
+  return draw_chosen(asked_spacing_);
 }
 
 Result<Box> Player::find_domain() {

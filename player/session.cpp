@@ -598,11 +598,10 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
 
   const bool plays_on = is_playing() && playback.steps_per_second > 2;
   const bool moves = settings.hurries && (is_busy || plays_on || still_seconds_ < pause_seconds);
-  if (moves) return moving_is_drawn_ && !awaits_step_ ? Status{} : begin_moving(seconds);
+  if (moves) return moving_is_drawn_ && !awaits_step_ ? Status{} : begin_picture(true, seconds);
   if (asked_step_) return {};  // the picture stays
   if (!refinement_) begin_rest();
-  if (!refinement_->is_done()) return begin_splats(seconds);
-  return exact_spacing_ > 0 ? begin_exact() : begin_making_ready();
+  return refinement_->is_done() ? begin_making_ready() : begin_picture(false, seconds);
 }
 
 // Keeps a trouble that comes back with each frame.
@@ -666,17 +665,7 @@ Status Session::end_drawing(bool is_busy) {
 }
 
 Status Session::finish(const Status& done) {
-  switch (work_) {
-    case Work::moving:
-      return finish_moving(done);
-    case Work::splats:
-      return finish_splats(done);
-    case Work::exact:
-      return finish_exact(done);
-    case Work::making_ready:
-      return finish_making_ready(done);
-  }
-  return {};
+  return work_ == Work::making_ready ? finish_making_ready(done) : finish_picture(done);
 }
 
 // Ends a picture that nobody will see.
@@ -684,7 +673,6 @@ void Session::stop_drawing() {
   if (!is_drawing()) return;
   interrupt_drawing();
   static_cast<void>(drawing_.take());
-  drawn_aside_.reset();
   encoded_aside_.bytes.clear();
 }
 

@@ -34,7 +34,7 @@ inline constexpr double pause_seconds = 0.15;
 
 /// What a picture is made of, and what is known of its error.
 struct ShownRecipe {
-  Rung rung = {};            // as it was drawn
+  Recipe recipe = {};        // as it was drawn
   bool moves = false;        // drawn while something moved
   double error = 0;          // of one that moves; root mean square of linear RGB
   bool is_measured = false;  // the error, in about this view; else it is expected
@@ -354,7 +354,7 @@ class Session {
  private:
   explicit Session(SessionHost& host) : host_(host) {}
   // What a job does.
-  enum class Work { moving, splats, exact, making_ready };
+  enum class Work { moving, refining, making_ready };
 
   [[nodiscard]] Status draw_next(int width, int height, double seconds, bool is_busy);
   [[nodiscard]] Status use_step();
@@ -379,45 +379,41 @@ class Session {
   void encode(const Image& picture, const View& view, const Scene& shown, EncodedPicture& encoded) const;
   [[nodiscard]] Status encode_picture();
   [[nodiscard]] Status encode_aside();
-  [[nodiscard]] Status choose_splats(const FrameRequest& request, double seconds);
+
+  // Pictures (session_pictures.cpp).
+  [[nodiscard]] Status begin_picture(bool moves, double seconds);
+  [[nodiscard]] Status choose_picture();
+  [[nodiscard]] Result<Choices> choices_for(bool moves) const;
+  [[nodiscard]] Status draw_picture(double seconds);
+  [[nodiscard]] Status draw_splats(const Recipe& recipe, double seconds);
+  [[nodiscard]] Status finish_picture(const Status& drawn);
+  [[nodiscard]] Status finish_moving();
+  [[nodiscard]] Status finish_refining();
+  void go_on_without_cells();
 
   // While something moves (session_moving.cpp).
-  [[nodiscard]] Status begin_moving(double seconds);
-  [[nodiscard]] Status choose_moving();
-  [[nodiscard]] Status draw_moving(double seconds);
-  [[nodiscard]] Status draw_moving_splats(const Rung& rung, double seconds);
-  [[nodiscard]] Status finish_moving(const Status& drawn);
   [[nodiscard]] bool shows_surfaces() const;
   [[nodiscard]] bool has_layers() const { return shows_surfaces() || !player_->view().slices.empty(); }
   void begin_holding_cells();
   void end_holding_cells();
   void keep_last_moving();
   [[nodiscard]] Status learn_errors();
-  [[nodiscard]] Status learn_time();
 
   // At rest (session_rest.cpp).
-  void begin_rest();
+  void begin_rest(bool with_cells = true);
+  void follow_movement(ProgressiveRefinement::Start& start) const;
   [[nodiscard]] bool can_draw_aside() const;
   [[nodiscard]] int quick_spacing() const;
-  [[nodiscard]] Status begin_splats(double seconds);
-  [[nodiscard]] Status draw_splats(const FrameRequest& request, double seconds);
-  [[nodiscard]] Status finish_splats(const Status& drawn);
   [[nodiscard]] Quality quality_of_splats() const;
-  [[nodiscard]] std::uint64_t most_segments() const;
+  [[nodiscard]] double most_segments() const;
   [[nodiscard]] int finest_spacing() const;
   [[nodiscard]] int first_exact_spacing() const;
-  [[nodiscard]] int finest_exact_spacing(double segments) const;
-  [[nodiscard]] int finer_exact_spacing() const;
-  [[nodiscard]] Status begin_exact();
-  [[nodiscard]] Status draw_exact();
-  [[nodiscard]] Status finish_exact(const Status& drawn);
   [[nodiscard]] Status begin_making_ready();
   [[nodiscard]] Status make_ready();
   [[nodiscard]] Status finish_making_ready(const Status& made);
   void tell_of_splats(const std::string& reason);
   void tell_once(const std::string& trouble);
   void settle();
-  [[nodiscard]] Status finish_picture(std::optional<Image> drawn);
 
   void restore(const Scene& before);
 
@@ -479,28 +475,29 @@ class Session {
   Status failure_;                // of the last draw
   double still_seconds_ = 0;      // since the scene changed last
 
+  // The next picture, or the last one. A job may draw it.
+  struct Picture {
+    bool moves = false;
+    Choices choices = {};
+    std::optional<Recipe> recipe = {};    // none: the last picture of a view at rest is there
+    std::optional<Outcome> outcome = {};  // once it is drawn
+    Status cells = {};                    // why they cannot be drawn
+  };
+  Picture picture_;
+  bool cells_fail_ = false;  // since the last change of the file's parts
+
   // While something moves.
   MotionControl motion_;
-  struct Moving {
-    Choices choices = {};
-    Rung rung = {};
-    bool is_drawn = false;
-    bool has_failed = false;  // cells cannot be drawn
-  };
-  Moving moving_;            // of the last picture
-  bool cells_fail_ = false;  // since the last change of the file's parts
   std::stop_source stop_holding_;
   Task<Status> holding_cells_;  // reads them; beside all else
   struct LastMoving {
     Image picture;
-    Rung rung;
+    Recipe recipe;
   };
   std::optional<LastMoving> last_moving_;  // of splats, until the picture at rest tells its error
 
   // At rest.
   std::optional<ProgressiveRefinement> refinement_;
-  int exact_spacing_ = 0;          // of samples in the next exact picture, after splats; 0: there is none
-  bool skips_splats_ = false;      // exact pictures follow those of the movement
   bool is_to_make_ready_ = false;  // for what moves, and for probes; after the last picture
   std::vector<std::string> troubles_;
   std::unordered_set<std::string> told_once_;  // of them
@@ -518,7 +515,6 @@ class Session {
   Work work_ = Work::moving;
   std::stop_source stop_;
   Task<Status> drawing_;
-  std::optional<Image> drawn_aside_;  // a copy of its picture, if that will be compared
 
   // What is told meanwhile.
   struct Before {

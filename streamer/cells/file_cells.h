@@ -72,6 +72,9 @@ class KeptCells {
   [[nodiscard]] Status hold_all() const;
   [[nodiscard]] bool may_hold_all() const { return holds_all_; }
 
+  /// Whether a chunk is held.
+  [[nodiscard]] bool holds(const format::CellChunkEntry& entry) const;
+
   /// Whether all are held: nothing will be read.
   [[nodiscard]] bool are_held() const { return are_held_; }
 
@@ -122,6 +125,9 @@ class FileCells final : public CellSource {
 
   /// Tetrahedra of the chunks; about.
   [[nodiscard]] std::uint64_t tetrahedra() const;
+
+  /// Those of chunks that are not held.
+  [[nodiscard]] std::uint64_t unread_tetrahedra() const;
 
   /// Estimates the pieces of rays in a tetrahedron with a visible value: as if each chunk filled its box evenly. Reads
   /// some of the chunks.
