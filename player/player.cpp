@@ -15,6 +15,7 @@
 #include "player/scene_surfaces.h"
 #include "renderer/depth_pyramid.h"
 #include "renderer/slice_values.h"
+#include "scene/scene_change.h"
 #include "streamer/cells/file_cells.h"
 #include "streamer/splats/domain.h"
 
@@ -41,16 +42,6 @@ tl::unexpected<Error> fail_two_surfaces() {
 // Rays that measure an error meet about as many cells as a picture does. Two cores need a tenth of a second for 2^21.
 constexpr std::uint64_t most_tetrahedra_for_rays = std::uint64_t{1} << 21;
 
-// What cannot be read is left out: whoever shows the step meets the error.
-StepCells read_cells(const format::Steps& steps, std::size_t step, const Scene& scene, const PartRoom& room) {
-  const auto volume = steps.volume(step);
-  if (!volume || (*volume)->is_far()) return {};
-  const auto kept = KeptCells::open(**volume, scene, room);
-  if (!kept) return {};
-  static_cast<void>((*kept)->hold_all());
-  return {*volume, *kept};
-}
-
 // The layers of a picture at the pixels of its rays, whose view this is.
 std::vector<SurfaceLayer> layers_at_rays(const std::vector<CellLayer>& layers, const View& view,
                                          const std::vector<std::size_t>& pixels) {
@@ -71,10 +62,10 @@ std::vector<SurfaceLayer> layers_at_rays(const std::vector<CellLayer>& layers, c
 // A public call: what it reads can be cancelled. Calls within it are parts of it.
 class Player::Call {
  public:
-  explicit Call(Player& player) : player_(player), interruptible_(begin(player)) {}
+  explicit Call(Player& player) : player_(player), interruptible_(player.calls_.begin()) {}
   Call(const Call&) = delete;
   Call& operator=(const Call&) = delete;
-  ~Call() { --player_.calls_; }
+  ~Call() { --player_.calls_.count; }
 
   [[nodiscard]] Status check() const {
     if (!is_interrupted()) return {};
@@ -82,15 +73,15 @@ class Player::Call {
   }
 
  private:
-  static std::stop_token begin(Player& player) {
-    const std::scoped_lock lock(player.stop_mutex_);
-    if (player.calls_++ == 0) player.stop_ = std::stop_source();
-    return player.stop_.get_token();
-  }
-
   Player& player_;
   Interruptible interruptible_;
 };
+
+std::stop_token Player::Calls::begin() {
+  const std::scoped_lock lock(mutex);
+  if (count++ == 0) stop = std::stop_source();
+  return stop.get_token();
+}
 
 Player::Player(format::Steps steps, std::size_t step) : steps_(std::move(steps)), step_(step) {}
 
@@ -154,19 +145,19 @@ Status Player::set_drawing(const Drawing& drawing) {
 Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options,
                               std::optional<std::size_t> asked_step) const {
   const std::size_t step = asked_step.value_or(step_);
-  const bool other_parts =
-      step != step_ || options.memory != options_.memory || kernel_of(options.drawing) != kernel_of(options_.drawing) ||
-      scene.attribute != scene_.attribute || opacity_attribute_of(scene) != opacity_attribute_of(scene_) ||
-      (scene.lighting && !scene_.lighting && kernel_of(options.drawing) == KernelKind::octant);
+  const SceneChange change = change_between(scene_, scene);
+  const bool other_parts = step != step_ || options.memory != options_.memory ||
+                           kernel_of(options.drawing) != kernel_of(options_.drawing) || change.data ||
+                           (scene.lighting && !scene_.lighting && kernel_of(options.drawing) == KernelKind::octant);
   if (other_parts) {
-    Held held{step == step_ ? surfaces_ : surfaces_of_all_steps()};
+    Held held{step == step_ ? surfaces_.all : surfaces_of_all_steps()};
     if (options.memory == options_.memory) held.memory = memory_;
     if (step == step_ && !is_lost_) held.volume = streamer_->shared_volume();
     if (held.memory && (held.volume || !steps_.are_files())) held.room = streamer_->room();
     return [=, steps = steps_, held = std::move(held)] { return read(steps, step, scene, options, held); };
   }
-  if (scene.surfaces == scene_.surfaces) return {};
-  return [=, steps = steps_, memory = memory_, before = surfaces_]() -> Result<PlayerFile> {
+  if (!change.surfaces) return {};
+  return [=, steps = steps_, memory = memory_, before = surfaces_.all]() -> Result<PlayerFile> {
     SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
     SPLATVOL_TRY_ASSIGN(surfaces, read_scene_surfaces(scene.surfaces, *volume, options.read_surface,
                                                       memory->patches.capacity(), before));
@@ -176,7 +167,7 @@ Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options,
 
 // Depths of another program, and surfaces or slices of the scene: only one of them.
 Status Player::check_surfaces(const Scene& scene, const View& view) const {
-  if (!surface_depths_) return {};
+  if (!surfaces_.depths) return {};
   if (!view.slices.empty() || std::ranges::any_of(scene.surfaces, &SceneSurface::shown)) return fail_two_surfaces();
   return {};
 }
@@ -203,12 +194,12 @@ Status Player::replace(PlayerFile file) {
 // Patches have their share while there are some.
 void Player::take_surfaces(std::vector<Surface> surfaces) {
   const auto is_same = [](const Surface& a, const Surface& b) { return a.style == b.style && a.mesh == b.mesh; };
-  if (!std::ranges::equal(surfaces_, surfaces, is_same)) surfaces_view_.reset();
-  surfaces_ = std::move(surfaces);
+  if (!std::ranges::equal(surfaces_.all, surfaces, is_same)) surfaces_.view.reset();
+  surfaces_.all = std::move(surfaces);
   const auto is_patch = [](const Surface& surface) { return surface.mesh && !surface.style.boundary.empty(); };
-  patches_room_ = {};
-  if (std::ranges::none_of(surfaces_, is_patch)) return;
-  if (auto room = memory_->patches.reserve(memory_->patches.capacity())) patches_room_ = std::move(*room);
+  surfaces_.patches_room = {};
+  if (std::ranges::none_of(surfaces_.all, is_patch)) return;
+  if (auto room = memory_->patches.reserve(memory_->patches.capacity())) surfaces_.patches_room = std::move(*room);
 }
 
 // Takes over a scene, options and a streamer that fits both, in its memory; null: the streamer stays. Surfaces stay.
@@ -219,19 +210,19 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
     SPLATVOL_TRY_SET(other, make_rasterizer(options.device, {.kernel = kernel_of(options.drawing),
                                                              .gpu_bytes = options.gpu_memory,
                                                              .in_current_context = options.in_current_context}));
-    SPLATVOL_TRY(other->set_surface_depths(surface_depths_));
+    SPLATVOL_TRY(other->set_surface_depths(surfaces_.depths));
   }
   Rasterizer& rasterizer = other ? *other : *rasterizer_;
-  if (streamer || scene.transfer_function != scene_.transfer_function || scene.opacity != scene_.opacity)
+  const SceneChange change = change_between(scene_, scene);
+  if (streamer || change.look || change.data)
     SPLATVOL_TRY(set_function(rasterizer, scene, streamer ? *streamer : *streamer_));
   rasterizer.set_lighting(scene.lighting);
+  const bool streamer_is_new = streamer != nullptr;
   if (streamer) {
     frame_ = nullptr;
     is_lost_ = false;
-    drop_cells();
-    cells_ahead_.reset();
-    sweep_room_ = {};
-    patches_room_ = {};
+    surfaces_.patches_room = {};
+    cells_.use(*streamer, memory);
     streamer_ = std::move(streamer);
     memory_ = memory;
   }
@@ -239,10 +230,11 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
     rasterizer_ = std::move(other);
     room_ = std::numeric_limits<std::uint64_t>::max();
   }
+  if (streamer_is_new || change.is_of_picture()) ++revision_;
   scene_ = scene;
   options_ = options;
   view_ = view;
-  is_nudged_ = false;
+  asked_.is_nudged = false;
   return {};
 }
 
@@ -252,16 +244,16 @@ Status Player::open_again(std::size_t step) {
   return replace(std::move(file));
 }
 
-std::optional<Error> Player::left_out() const { return left_out_error(surfaces_, steps_.name()); }
+std::optional<Error> Player::left_out() const { return left_out_error(surfaces_.all, steps_.name()); }
 
 bool Player::shows_surfaces() const {
-  return !view_.slices.empty() || std::ranges::any_of(surfaces_, &Surface::is_visible);
+  return !view_.slices.empty() || std::ranges::any_of(surfaces_.all, &Surface::is_visible);
 }
 
 Status Player::set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) {
   if (depths && shows_surfaces()) return fail_two_surfaces();
   SPLATVOL_TRY(rasterizer_->set_surface_depths(depths));
-  surface_depths_ = std::move(depths);
+  surfaces_.depths = std::move(depths);
   return {};
 }
 
@@ -291,35 +283,26 @@ Status Player::change_step(std::size_t step) {
     SPLATVOL_TRY(read_boundary_of(*volume));
   }
   is_lost_ = true;
-  drop_cells();
+  cells_.drop();
   SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
   is_lost_ = false;
-  if (const auto ahead = std::move(cells_ahead_); ahead && ahead->step() == step) {
-    ahead->stop();
-    auto [of, kept] = ahead->take();
-    kept_volume_ = std::move(of), kept_cells_ = std::move(kept);
-  }
+  cells_.take_ahead(step);
+  ++revision_;
   return {};
-}
-
-void Player::drop_cells() {
-  cells_.reset();
-  kept_cells_.reset();
-  kept_volume_.reset();
 }
 
 // The files of a series have boundaries of their own.
 std::vector<Surface> Player::surfaces_of_all_steps() const {
-  if (!steps_.are_files()) return surfaces_;
+  if (!steps_.are_files()) return surfaces_.all;
   std::vector<Surface> of_files;
-  std::ranges::copy_if(surfaces_, std::back_inserter(of_files),
+  std::ranges::copy_if(surfaces_.all, std::back_inserter(of_files),
                        [](const Surface& surface) { return surface.style.boundary.empty(); });
   return of_files;
 }
 
 Status Player::read_boundary_of(const format::Volume& volume) {
   const std::vector<Surface> kept = surfaces_of_all_steps();
-  if (kept.size() == surfaces_.size()) return {};
+  if (kept.size() == surfaces_.all.size()) return {};
   SPLATVOL_TRY_ASSIGN(
       read, read_scene_surfaces(scene_.surfaces, volume, options_.read_surface, memory_->patches.capacity(), kept));
   take_surfaces(std::move(read));
@@ -328,16 +311,7 @@ Status Player::read_boundary_of(const format::Volume& volume) {
 
 void Player::read_ahead(std::size_t step, bool with_cells) {
   if (step >= steps_.times().size() || step == step_) return;
-  const bool are_ahead = cells_ahead_ && cells_ahead_->step() == step;
-  if (with_cells && !are_ahead && has_cells() && !streamer_->volume().is_far()) {
-    cells_ahead_.reset();
-    const bool is_other = kept_cells_ && &kept_cells_->share() == &memory_->next_cells;
-    MemoryShare& share = is_other ? memory_->cells : memory_->next_cells;
-    const PartRoom room = steps_.are_files() ? room_in(memory_->table, share) : streamer_->room().in(share);
-    cells_ahead_share_ = &share;
-    cells_ahead_ = std::make_unique<StepAhead<StepCells>>(
-        step, [steps = steps_, step, scene = scene_, room] { return read_cells(steps, step, scene, room); });
-  }
+  if (with_cells && has_cells()) cells_.read_ahead(steps_, step, scene_);
   if (!steps_.are_files()) return streamer_->prefetch_step(step);
   if (ahead_ && ahead_->step() == step) return;
   // Only its preamble: another mesh has other parts in view.
@@ -345,7 +319,7 @@ void Player::read_ahead(std::size_t step, bool with_cells) {
 }
 
 bool Player::is_reading_ahead() const {
-  return (ahead_ && !ahead_->is_done()) || (cells_ahead_ && !cells_ahead_->is_done()) || streamer_->is_prefetching();
+  return (ahead_ && !ahead_->is_done()) || cells_.is_reading_ahead() || streamer_->is_prefetching();
 }
 
 std::uint64_t Player::device_splats() const {
@@ -355,17 +329,21 @@ std::uint64_t Player::device_splats() const {
 View Player::view_now() const {
   View view = view_;
   const double distance = glm::length(scene_.camera.focal_point - scene_.camera.position);
-  if (is_nudged_) view.eye += 1e-9 * distance * view.right;
+  if (asked_.is_nudged) view.eye += 1e-9 * distance * view.right;
   return view;
+}
+
+tl::unexpected<Error> Player::fail_lost() const {
+  return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
 }
 
 Status Player::choose(const Detail& asked, std::optional<double> wait_seconds) {
   const Call call(*this);
   const auto start = Clock::now();
   frame_ = nullptr;
-  if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
-  asked_detail_ = asked;
-  asked_seconds_ = wait_seconds;
+  if (is_lost_) return fail_lost();
+  asked_.detail = asked;
+  asked_.seconds = wait_seconds;
   Detail detail = asked;
   detail.device_splats = std::min(detail.device_splats, device_splats());
   if (detail.device_splats == 0)
@@ -389,13 +367,13 @@ Status Player::set_draw_list() {
     if (set.error().code != ErrorCode::out_of_budget || frame_->splats >= before) return set;
     before = frame_->splats;
     room_ = std::max<std::uint64_t>(std::min(device_splats(), frame_->splats) / 8 * 7, 1);
-    SPLATVOL_TRY(choose(Detail(asked_detail_), asked_seconds_));
+    SPLATVOL_TRY(choose(Detail(asked_.detail), asked_.seconds));
   }
 }
 
 Status Player::draw_chosen(int sample_spacing) {
   if (!frame_) return fail(ErrorCode::invalid_argument, "{}: no splats are chosen to be drawn", steps_.name());
-  asked_spacing_ = sample_spacing;
+  asked_.sample_spacing = sample_spacing;
   if (shows_contours()) return fail_without_contours();
   const auto start = Clock::now();
   const double chosen_in = times_.frame;
@@ -428,18 +406,18 @@ Status Player::fail_without_contours() const {
 
 Result<FrameTimes> Player::draw_volume(const View& view) {
   picture_.reset();
-  if (surface_depths_) sample_spacing_ = 1;
+  if (surfaces_.depths) sample_spacing_ = 1;
   return rasterizer_->draw(view, sort_, sample_spacing_);
 }
 
 // Finds the layers of surfaces, and of slices unless cells have their values.
 void Player::lay_surfaces(const View& view, bool has_slices) {
   if (has_slices && !view.slices.empty()) {
-    surface_layers_ = draw_surfaces(surfaces_, draw_slices(view), view);
-    surfaces_view_.reset();
-  } else if (surfaces_view_ != view) {
-    surface_layers_ = draw_surfaces(surfaces_, {}, view);
-    surfaces_view_ = view;
+    surfaces_.layers = draw_surfaces(surfaces_.all, draw_slices(view), view);
+    surfaces_.view.reset();
+  } else if (surfaces_.view != view) {
+    surfaces_.layers = draw_surfaces(surfaces_.all, {}, view);
+    surfaces_.view = view;
   }
 }
 
@@ -449,12 +427,12 @@ Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
   double volume_seconds = 0;
   lay_surfaces(view, true);
   times_.surfaces = seconds_since(start);
-  if (surface_layers_.layers.empty()) return draw_volume(view);
+  if (surfaces_.layers.layers.empty()) return draw_volume(view);
   picture_.reset();
   FrameTimes sum;
   SurfaceComposite composite;
   const Status drawn = [&]() -> Status {
-    for (const SurfaceLayer& layer : surface_layers_.layers) {
+    for (const SurfaceLayer& layer : surfaces_.layers.layers) {
       // The layer outlives the drawing: it need not be shared.
       SPLATVOL_TRY(rasterizer_->set_surface_depths({std::shared_ptr<void>(), &layer.depths}));
       sample_spacing_ = 1;
@@ -489,42 +467,23 @@ std::vector<SlicePicture> Player::draw_slices(const View& view) const {
 
 bool Player::has_cells() const { return !is_lost_ && format::CellReader::has_cells(streamer_->volume()); }
 
-Result<std::shared_ptr<const KeptCells>> Player::kept_cells() {
-  if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
-  if (kept_cells_ && kept_cells_->color_attribute() != contours_of(scene_).attribute) drop_cells();
-  if (!kept_cells_) {
-    kept_volume_ = streamer_->shared_volume();
-    const bool is_taken = cells_ahead_ && cells_ahead_share_ == &memory_->cells;
-    MemoryShare& share = is_taken ? memory_->next_cells : memory_->cells;
-    SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(*kept_volume_, scene_, streamer_->room().in(share)));
-  }
-  return kept_cells_;
-}
-
 Status Player::hold_cells() {
   const Call call(*this);
-  SPLATVOL_TRY_ASSIGN(kept, kept_cells());
+  if (is_lost_) return fail_lost();
+  SPLATVOL_TRY_ASSIGN(kept, cells_.kept(scene_));
   return kept->hold_all();
 }
 
 std::function<Status()> Player::cells_reader() {
-  if (!has_cells() || streamer_->volume().is_far() || holds_cells()) return {};
-  const auto kept = kept_cells();
-  if (!kept || !(*kept)->may_hold_all()) return {};
-  return [memory = memory_, volume = kept_volume_, cells = *kept] { return cells->hold_all(); };
+  return has_cells() ? cells_.reader(scene_) : std::function<Status()>();
 }
 
-bool Player::holds_cells() const {
-  return kept_cells_ && kept_cells_->are_held() && kept_cells_->color_attribute() == contours_of(scene_).attribute;
-}
+bool Player::holds_cells() const { return cells_.are_held(scene_); }
 
 // The cells in the view.
 Result<std::shared_ptr<const FileCells>> Player::open_cells() {
-  SPLATVOL_TRY(kept_cells());
-  // An estimate and the pictures of a view at rest read the entries of chunks once.
-  if (!cells_ || !cells_->are_of(kept_cells_, scene_, view_))
-    SPLATVOL_TRY_SET(cells_, FileCells::open(kept_cells_, scene_, view_));
-  return cells_;
+  if (is_lost_) return fail_lost();
+  return cells_.in_view(scene_, view_, revision_);
 }
 
 Result<ExactPicture> Player::estimate_exact() {
@@ -541,13 +500,6 @@ float Player::refined_difference() const {
   return shows_contours() || !view_.slices.empty() ? visible : 0;
 }
 
-// What waits while cells are drawn has its share from the first time on: the memory stays between pictures.
-std::uint64_t Player::sweep_memory() {
-  if (sweep_room_.bytes() == 0)
-    if (auto room = memory_->sweep.reserve(memory_->sweep.capacity())) sweep_room_ = std::move(*room);
-  return sweep_room_.bytes();
-}
-
 Status Player::draw_cells(int sample_spacing, const DrawProgress& progress) {
   const Call call(*this);
   exact_.reset();
@@ -562,22 +514,19 @@ Status Player::draw_cells(int sample_spacing, const DrawProgress& progress) {
   const auto draw_start = Clock::now();
   const int spacing = sample_spacing > 0 ? sample_spacing : options_.drawing.sample_spacing.value_or(1);
   sample_spacing_ = layers.empty() ? spacing : 1;
-  auto drawn = cell_rasterizer_.draw(*cells,
-                                     {.view = view_,
-                                      .transfer = transfer_of(scene_),
-                                      .lighting = scene_.lighting,
-                                      .contours = contours_of(scene_),
-                                      .layers = std::move(layers),
-                                      .sample_spacing = sample_spacing_,
-                                      .refined_difference = refined_difference(),
-                                      .memory = sweep_memory(),
-                                      .progress = progress},
-                                     std::exchange(spare_picture_, {}));
+  auto drawn = cells_.draw(*cells, {.view = view_,
+                                    .transfer = transfer_of(scene_),
+                                    .lighting = scene_.lighting,
+                                    .contours = contours_of(scene_),
+                                    .layers = std::move(layers),
+                                    .sample_spacing = sample_spacing_,
+                                    .refined_difference = refined_difference(),
+                                    .progress = progress});
   SPLATVOL_TRY(call.check());
   if (!drawn && drawn.error().code == ErrorCode::out_of_budget)
     return fail_in(streamer_->volume().name(), drawn.error());
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
-  if (picture_) spare_picture_ = std::move(*picture_);
+  if (picture_) cells_.reuse(std::move(*picture_));
   picture_ = std::move(picture.image);
   exact_ = ExactPicture{picture.segments, cells->chunks().size(), cells->tetrahedra(), cells->unknown_cells()};
   times_.draw.draw = seconds_since(draw_start);
@@ -650,7 +599,7 @@ Result<Outcome> Player::draw_in(const Recipe& recipe, double seconds) {
 // Draws a picture again, from a place too near to be seen apart: a frame of a moving camera, to be timed. The last one
 // is of the view itself.
 Result<Outcome> Player::draw_steadily(const Recipe& recipe) {
-  is_nudged_ = !recipe.is_exact();
+  asked_.is_nudged = !recipe.is_exact();
   SPLATVOL_TRY(draw(recipe));
   SPLATVOL_TRY(draw_again());
   Outcome drawn = outcome();
@@ -666,7 +615,7 @@ Result<bool> Player::draw_next(Chooser& chooser) {
     needs.cells = Chooser::Cells::none;
   }
   SPLATVOL_TRY_ASSIGN(choices, this->choices(needs));
-  const bool will_hold = choices.cells && kept_cells_->may_hold_all() &&
+  const bool will_hold = choices.cells && cells_.may_be_held(scene_) &&
                          (needs.cells == Chooser::Cells::all || !streamer_->volume().is_far());
   if (will_hold) choices.cells->unread = 0;
   const std::optional<Recipe> recipe = chooser.next(choices);
@@ -791,10 +740,10 @@ Result<std::optional<Outcome>> Player::try_splats(const Recipe& recipe) {
 Result<std::vector<CellLayer>> Player::lay_cells() {
   lay_surfaces(view_, false);
   std::vector<CellLayer> layers;
-  for (const SurfaceLayer& layer : surface_layers_.layers) layers.push_back({&layer.depths, &layer.light});
-  if (layers.empty() && surface_depths_) {
-    SPLATVOL_TRY(check_size(*surface_depths_, view_));
-    layers.push_back({surface_depths_.get()});
+  for (const SurfaceLayer& layer : surfaces_.layers.layers) layers.push_back({&layer.depths, &layer.light});
+  if (layers.empty() && surfaces_.depths) {
+    SPLATVOL_TRY(check_size(*surfaces_.depths, view_));
+    layers.push_back({surfaces_.depths.get()});
   }
   return layers;
 }
@@ -813,11 +762,9 @@ Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
       layers_at_rays(layers, view, pixels_of_rays(view_.width, view_.height, spacing));
   for (std::size_t i = 0; i < layers.size(); ++i)
     layers[i] = {&at_rays[i].depths, layers[i].light ? &at_rays[i].light : nullptr};
-  auto drawn = cell_rasterizer_.draw(*cells, {.view = view,
-                                              .transfer = transfer_of(scene_),
-                                              .lighting = scene_.lighting,
-                                              .layers = std::move(layers),
-                                              .memory = sweep_memory()});
+  auto drawn = cells_.draw(
+      *cells,
+      {.view = view, .transfer = transfer_of(scene_), .lighting = scene_.lighting, .layers = std::move(layers)});
   // A ray has too many cells: finer pictures tell the error.
   if (!drawn && drawn.error().code == ErrorCode::out_of_budget) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
@@ -850,9 +797,9 @@ Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
 
 Status Player::draw_again() {
   if (exact_) return draw_cells(sample_spacing_, {});
-  is_nudged_ = !is_nudged_;
-  SPLATVOL_TRY(choose(Detail(asked_detail_), asked_seconds_));
-  return draw_chosen(asked_spacing_);
+  asked_.is_nudged = !asked_.is_nudged;
+  SPLATVOL_TRY(choose(Detail(asked_.detail), asked_.seconds));
+  return draw_chosen(asked_.sample_spacing);
 }
 
 Result<Box> Player::find_domain() {
@@ -864,8 +811,8 @@ Result<Box> Player::find_domain() {
 }
 
 void Player::cancel() {
-  const std::scoped_lock lock(stop_mutex_);
-  stop_.request_stop();
+  const std::scoped_lock lock(calls_.mutex);
+  calls_.stop.request_stop();
 }
 
 }  // namespace splatvol

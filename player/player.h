@@ -14,12 +14,12 @@
 
 #include "base/error.h"
 #include "format/steps.h"
+#include "player/cell_pictures.h"
 #include "player/error_control.h"
 #include "player/motion_control.h"
 #include "player/pacer.h"
 #include "player/player_memory.h"
 #include "player/recipe.h"
-#include "renderer/cpu/cells.h"
 #include "renderer/device/device.h"
 #include "renderer/rasterizer.h"
 #include "renderer/surfaces/draw_surfaces.h"
@@ -30,9 +30,6 @@
 #include "streamer/store/step_ahead.h"
 
 namespace splatvol {
-
-class FileCells;
-class KeptCells;
 
 struct PlayerOptions {
   std::uint64_t memory = std::uint64_t{512} << 20;    // bytes to hold of what is read, and while it is drawn
@@ -112,12 +109,6 @@ struct PlayerFile {
   std::shared_ptr<PlayerMemory> memory;  // of what follows
   std::unique_ptr<Streamer> streamer;    // of `step`; null: that of the player stays
   std::vector<Surface> surfaces;         // of `scene`
-};
-
-/// The cells of a step that was read ahead. They belong to the volume. Null: they cannot be read.
-struct StepCells {
-  std::shared_ptr<const format::Volume> volume = {};
-  std::shared_ptr<const KeptCells> kept = {};
 };
 
 /// An open file, its scene and a device that draws it. Errors name the file. All calls come from one thread, besides
@@ -285,7 +276,7 @@ class Player {
   [[nodiscard]] Outcome outcome() const;
 
   /// Returns the detail that was asked for in the last frame.
-  [[nodiscard]] const Detail& asked_detail() const { return asked_detail_; }
+  [[nodiscard]] const Detail& asked_detail() const { return asked_.detail; }
 
   /// Returns how the last frame was drawn.
   [[nodiscard]] SortMode sort() const { return sort_; }
@@ -306,7 +297,7 @@ class Player {
   [[nodiscard]] bool has_drawn_surfaces() const { return picture_.has_value(); }
 
   /// Whether layers of translucent surfaces were joined in the last picture (draw_surfaces).
-  [[nodiscard]] bool has_joined_surfaces() const { return picture_ && surface_layers_.is_joined; }
+  [[nodiscard]] bool has_joined_surfaces() const { return picture_ && surfaces_.layers.is_joined; }
 
   /// Returns the error of patches that the pictures lack: the triangles of the boundary that a scene shows may take a
   /// quarter of PlayerOptions::memory, and the largest patches beyond are left out. None if all are drawn.
@@ -330,7 +321,6 @@ class Player {
                                  const std::shared_ptr<PlayerMemory>& memory, const View& view);
   [[nodiscard]] Status open_again(std::size_t step);
   [[nodiscard]] Status change_step(std::size_t step);
-  void drop_cells();
   [[nodiscard]] std::vector<Surface> surfaces_of_all_steps() const;
   [[nodiscard]] Status read_boundary_of(const format::Volume& volume);
   [[nodiscard]] Result<Outcome> draw_in(const Recipe& recipe, double seconds);
@@ -352,57 +342,68 @@ class Player {
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
   void lay_surfaces(const View& view, bool has_slices);
   [[nodiscard]] Result<std::vector<CellLayer>> lay_cells();
-  [[nodiscard]] std::uint64_t sweep_memory();
   void take_surfaces(std::vector<Surface> surfaces);
-  [[nodiscard]] Result<std::shared_ptr<const KeptCells>> kept_cells();
   [[nodiscard]] Result<std::shared_ptr<const FileCells>> open_cells();
   [[nodiscard]] bool shows_surfaces() const;
   // Whether something opaque or translucent stands among the splats: it needs a sample in each pixel.
-  [[nodiscard]] bool has_layers() const { return shows_surfaces() || surface_depths_; }
+  [[nodiscard]] bool has_layers() const { return shows_surfaces() || surfaces_.depths; }
   [[nodiscard]] Status fail_without_contours() const;
+  [[nodiscard]] tl::unexpected<Error> fail_lost() const;
   [[nodiscard]] std::vector<SlicePicture> draw_slices(const View& view) const;
 
   format::Steps steps_;
   std::size_t step_;
   std::shared_ptr<PlayerMemory> memory_;  // before what lies in it
-  Reservation sweep_room_;                // once cells were drawn
-  Reservation patches_room_;              // while surfaces are patches
   using VolumeAhead = StepAhead<Result<std::shared_ptr<const format::Volume>>>;
-  std::unique_ptr<VolumeAhead> ahead_;                 // of a series of files
-  std::unique_ptr<StepAhead<StepCells>> cells_ahead_;  // of a series
-  const MemoryShare* cells_ahead_share_ = nullptr;     // that belongs to no other cells then
+  std::unique_ptr<VolumeAhead> ahead_;  // of a series of files
   PlayerOptions options_;
   Scene scene_;
   View view_;
-  bool is_nudged_ = false;  // by draw_again
-  bool is_lost_ = false;    // the streamer has no step; only to be opened again
+  std::uint64_t revision_ = 0;  // of what pictures show
+  bool is_lost_ = false;        // the streamer has no step; only to be opened again
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Rasterizer> rasterizer_;
-  CellRasterizer cell_rasterizer_;
-  std::shared_ptr<const format::Volume> kept_volume_;    // of the cells
-  std::shared_ptr<const KeptCells> kept_cells_;          // of the streamer's step; null: none was needed yet
-  std::shared_ptr<const FileCells> cells_;               // of these, in the view that asked last
-  std::shared_ptr<const SurfaceDepths> surface_depths_;  // of another program
-  std::vector<Surface> surfaces_;                        // of the scene
-  SurfaceLayers surface_layers_;                         // of the last picture with surfaces or slices
-  std::optional<View> surfaces_view_;                    // shows the layers; none: they are to be drawn
-  Image spare_picture_;                                  // its memory becomes that of the next exact picture
-  std::optional<Image> picture_;                         // the last one, if surfaces were in it or it is exact
-  std::uint64_t room_ = 0;                               // splats that the device took, as far as is known
+  std::uint64_t room_ = 0;  // splats that the rasterizer took, as far as is known
+  CellPictures cells_;
+
+  struct Surfaces {
+    std::shared_ptr<const SurfaceDepths> depths = {};  // of another program
+    std::vector<Surface> all = {};                     // of the scene
+    Reservation patches_room = {};                     // while surfaces are patches
+    SurfaceLayers layers = {};                         // of the last picture with surfaces or slices
+    std::optional<View> view = {};                     // shows the layers; none: they are to be drawn
+  };
+  Surfaces surfaces_;
+
+  // Of the last frame.
+  struct Asked {
+    Detail detail = {};
+    std::optional<double> seconds = {};  // to wait
+    int sample_spacing = 0;
+    bool is_nudged = false;  // by draw_again
+  };
+  Asked asked_;
+
+  // Of the last picture.
+  std::optional<Image> picture_;  // if surfaces were in it or it is exact
   const FrameSplats* frame_ = nullptr;
   std::optional<ExactPicture> exact_;
-  Detail asked_detail_;                  // of the last frame
-  std::optional<double> asked_seconds_;  // to wait
   SortMode sort_ = SortMode::exact;
-  int asked_spacing_ = 0;
   int sample_spacing_ = 1;
   PlayerTimes times_;
+
   Pacer pacer_{1};
   MotionControl motion_;
 
-  std::mutex stop_mutex_;
-  std::stop_source stop_;  // of the call in progress
-  int calls_ = 0;          // one within the other
+  // That are in progress, one within the other.
+  struct Calls {
+    std::mutex mutex;
+    std::stop_source stop;
+    int count = 0;
+
+    [[nodiscard]] std::stop_token begin();
+  };
+  Calls calls_;
 };
 
 }  // namespace splatvol

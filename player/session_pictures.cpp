@@ -38,13 +38,13 @@ Scene scaled(Scene scene, int sample_spacing) {
 // there, the window shows a copy of the one before.
 Status Session::begin_picture(bool moves, double seconds) {
   if (moves) {
-    motion_.set_limits(settings.moving);
+    movement_.control.set_limits(settings.moving);
     begin_holding_cells();
   }
   picture_ = {.moves = moves};
   const Work work = moves ? Work::moving : Work::refining;
   const bool may_be_aside = moves ? settings.works_aside : settings.hurries;
-  if (may_be_aside && (draws_aside() || (!moves && refinement_->has_all_splats()))) {
+  if (may_be_aside && (draws_aside() || (!moves && rest_.refinement->has_all_splats()))) {
     SPLATVOL_TRY(encode_picture());
     return draw_aside(work, [this, seconds]() -> Status {
       SPLATVOL_TRY(choose_picture());
@@ -60,7 +60,7 @@ Status Session::begin_picture(bool moves, double seconds) {
 }
 
 Status Session::choose_picture() {
-  still_awaits_step_ = awaits_step_;
+  awaited_.is_awaited_after = awaited_.is_awaited;
   Result<Choices> choices = choices_for(picture_.moves);
   if (!choices && choices.error().code == ErrorCode::cancelled) return tl::unexpected(choices.error());
   if (!choices) {
@@ -69,23 +69,23 @@ Status Session::choose_picture() {
   }
   picture_.choices = *std::move(choices);
   if (picture_.moves)
-    picture_.recipe = motion_.next(picture_.choices);
-  else if (refinement_->has_all_splats() && !picture_.choices.cells)
+    picture_.recipe = movement_.control.next(picture_.choices);
+  else if (rest_.refinement->has_all_splats() && !picture_.choices.cells)
     picture_.cells =
-        fail(ErrorCode::unsupported, "{}: some of its cells have shapes that only a newer svview knows", path_);
+        fail(ErrorCode::unsupported, "{}: some of its cells have shapes that only a newer svview knows", source_.path);
   else
-    picture_.recipe = refinement_->next(picture_.choices);
+    picture_.recipe = rest_.refinement->next(picture_.choices);
   return {};
 }
 
 // Returns what the view has. What rests as splats moves as splats. Something moves in small pictures, and at rest, with
 // surfaces, all samples are drawn.
 Result<Choices> Session::choices_for(bool moves) const {
-  Chooser::Needs needs = moves ? motion_.needs() : refinement_->needs();
+  Chooser::Needs needs = moves ? movement_.control.needs() : rest_.refinement->needs();
   const bool has_contours = player_->shows_contours();
   const bool must_read = player_->streamer().volume().is_far() && !player_->holds_cells();  // most of the work
   if (moves && (first_exact_spacing() == 0 || cells_fail_ || must_read)) needs.cells = Chooser::Cells::none;
-  if (moves) needs.most_unread = 1e9 * used_settings_.moving.seconds / nanoseconds::of_unread_tetrahedron;
+  if (moves) needs.most_unread = 1e9 * used_.settings.moving.seconds / nanoseconds::of_unread_tetrahedron;
   SPLATVOL_TRY_ASSIGN(choices, player_->choices(needs));
   if (!has_contours) choices.most_segments = most_segments();
   choices.finest_spacing = finest_spacing();
@@ -103,7 +103,7 @@ Status Session::draw_picture(double seconds) {
   Recipe drawn = *picture_.recipe;
   const bool needs_all_samples = drawn.is_exact() ? shows_surfaces() : has_layers();
   if (picture_.moves && drawn.sample_spacing > 1 && needs_all_samples) {
-    SPLATVOL_TRY(player_->set_scene(scaled(used_scene_, drawn.sample_spacing)));
+    SPLATVOL_TRY(player_->set_scene(scaled(used_.scene, drawn.sample_spacing)));
     drawn.sample_spacing = 1;
   }
   const double start = host_.now();
@@ -111,24 +111,26 @@ Status Session::draw_picture(double seconds) {
     SPLATVOL_TRY(draw_splats(drawn, seconds));
   } else if (const Result<Outcome> exact = player_->draw(drawn); exact) {
     picture_.outcome = *exact;
-    still_awaits_step_ = false;
+    awaited_.is_awaited_after = false;
   } else if (exact.error().code == ErrorCode::cancelled) {
     return tl::unexpected(exact.error());
   } else {
     picture_.cells = tl::unexpected(exact.error());
   }
-  took_seconds_ = host_.now() - start;
-  return picture_.outcome ? encode_aside() : Status{};
+  picture_.seconds = host_.now() - start;
+  if (picture_.outcome) encode_aside();
+  return {};
 }
 
 // Contours are shells then. The picture of the step before stays until there is one that is as fine.
 Status Session::draw_splats(const Recipe& recipe, double seconds) {
   if (player_->shows_contours())
-    SPLATVOL_TRY(player_->set_scene(with_shells(player_->scene(), glm::length(bounds_.extent()))));
-  SPLATVOL_TRY(player_->choose(*recipe.splats, awaits_step_ ? step_wait_seconds : 0));
-  awaited_seconds_ += seconds;
-  still_awaits_step_ = awaits_step_ && !player_->frame()->progress.settled && awaited_seconds_ < longest_wait_seconds;
-  if (still_awaits_step_) return {};
+    SPLATVOL_TRY(player_->set_scene(with_shells(player_->scene(), glm::length(data_.bounds.extent()))));
+  SPLATVOL_TRY(player_->choose(*recipe.splats, awaited_.is_awaited ? step_wait_seconds : 0));
+  awaited_.seconds += seconds;
+  awaited_.is_awaited_after =
+      awaited_.is_awaited && !player_->frame()->progress.settled && awaited_.seconds < longest_wait_seconds;
+  if (awaited_.is_awaited_after) return {};
   SPLATVOL_TRY(player_->draw_chosen(recipe.sample_spacing));
   picture_.outcome = player_->outcome();
   return {};
@@ -137,7 +139,7 @@ Status Session::draw_splats(const Recipe& recipe, double seconds) {
 // After an interruption, a view at rest begins anew.
 Status Session::finish_picture(const Status& drawn) {
   if (!drawn && drawn.error().code == ErrorCode::cancelled) {
-    if (!picture_.moves) refinement_.reset();
+    if (!picture_.moves) rest_.refinement.reset();
     return {};
   }
   SPLATVOL_TRY(drawn);
@@ -146,13 +148,13 @@ Status Session::finish_picture(const Status& drawn) {
     return {};
   }
   if (!picture_.recipe) {
-    is_to_make_ready_ = is_to_make_ready_ && refinement_->shows_cells();
-    refinement_->skip_cells();
+    rest_.is_to_make_ready = rest_.is_to_make_ready && rest_.refinement->shows_cells();
+    rest_.refinement->skip_cells();
     settle();
     return {};
   }
   if (!picture_.recipe->is_exact()) note_frame();
-  awaits_step_ = still_awaits_step_;
+  awaited_.is_awaited = awaited_.is_awaited_after;
   if (!picture_.outcome) return {};
   return picture_.moves ? finish_moving() : finish_refining();
 }
@@ -162,11 +164,11 @@ void Session::go_on_without_cells() {
   cells_fail_ = true;
   if (picture_.moves) return;
   tell_of_splats(picture_.cells.error().message);
-  if (refinement_->shows_splats() && frame())
-    refinement_->skip_cells();
+  if (rest_.refinement->shows_splats() && frame())
+    rest_.refinement->skip_cells();
   else
     begin_rest(false);
-  is_to_make_ready_ = false;
+  rest_.is_to_make_ready = false;
   settle();
 }
 
@@ -175,11 +177,11 @@ Status Session::finish_moving() {
   const bool is_exact = outcome.recipe.is_exact();
   outcome.recipe.sample_spacing = picture_.recipe->sample_spacing;
   // Fewer splats would hardly change the time of surfaces.
-  outcome.seconds = std::max(took_seconds_ - (is_exact ? 0 : player_->times().surfaces), 0.0);
-  motion_.add(outcome, picture_.choices);
-  const MotionControl::Expected expected = motion_.expected_error(outcome.recipe, picture_.choices);
+  outcome.seconds = std::max(picture_.seconds - (is_exact ? 0 : player_->times().surfaces), 0.0);
+  movement_.control.add(outcome, picture_.choices);
+  const MotionControl::Expected expected = movement_.control.expected_error(outcome.recipe, picture_.choices);
   note_drawn({shown_recipe_of(outcome), true, expected.error, expected.is_measured});
-  moving_is_drawn_ = is_exact || frame()->progress.settled;
+  movement_.is_drawn = is_exact || frame()->progress.settled;
   return {};
 }
 
@@ -189,15 +191,15 @@ Status Session::finish_refining() {
   note_drawn({shown_recipe_of(outcome)});
   if (outcome.recipe.is_exact()) {
     // While cells are not held, the time is that of reading.
-    outcome.seconds = player_->holds_cells() ? draw_seconds_ : 0;
-    motion_.add(outcome, picture_.choices);
+    outcome.seconds = player_->holds_cells() ? shown_.seconds : 0;
+    movement_.control.add(outcome, picture_.choices);
     begin_holding_cells();
   } else if (!frame()->progress.settled) {
     return {};
   }
   Image copy;
-  if (refinement_->needs().picture) SPLATVOL_TRY_SET(outcome.picture, player_->image_or_copy(copy));
-  refinement_->add(outcome, picture_.choices);
+  if (rest_.refinement->needs().picture) SPLATVOL_TRY_SET(outcome.picture, player_->image_or_copy(copy));
+  rest_.refinement->add(outcome, picture_.choices);
   outcome.picture = nullptr;
   settle();
   return {};

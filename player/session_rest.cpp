@@ -29,24 +29,24 @@ bool Session::can_draw_aside() const { return settings.hurries && draws_aside();
 // Begins with a picture that is no coarser than the last one of the movement. Rounds its splats, which depend on the
 // machine's load.
 void Session::begin_rest(bool with_cells) {
-  motion_.rest();
+  movement_.control.rest();
   keep_last_moving();
   cells_fail_ = !with_cells;
   ProgressiveRefinement::Start start{.splats = quality_of_splats()};
   if (settings.hurries && frame()) start.first_splats = std::bit_ceil(std::max(frame()->splats, least_first_splats));
   if (with_cells) start.first_spacing = first_exact_spacing();
   if (player_->shows_contours() && !player_->has_cells())
-    tell_of_splats(path_ + ": it keeps no cells, and only these have contours");
+    tell_of_splats(source_.path + ": it keeps no cells, and only these have contours");
   else if (settings.quality.exact && !player_->has_cells())
-    tell_of_splats(path_ + ": it keeps no cells");
-  is_to_make_ready_ = can_draw_aside() && (start.first_spacing > 0 || last_moving_);
+    tell_of_splats(source_.path + ": it keeps no cells");
+  rest_.is_to_make_ready = can_draw_aside() && (start.first_spacing > 0 || movement_.last);
   if (start.first_spacing > 0 && settings.hurries) follow_movement(start);
-  refinement_.emplace(start);
+  rest_.refinement.emplace(start);
 }
 
 // Leaves out splats where cells were in the last picture of the movement, or are soon drawn.
 void Session::follow_movement(ProgressiveRefinement::Start& start) const {
-  const bool follows_cells = moving_is_drawn_ && player_->exact();
+  const bool follows_cells = movement_.is_drawn && player_->exact();
   const int quick_spacing = this->quick_spacing();
   if (follows_cells || quick_spacing > 0) start.splats.reset();
   // With surfaces, the last picture may be a small one.
@@ -62,34 +62,34 @@ void Session::follow_movement(ProgressiveRefinement::Start& start) const {
 // movement; 0: there is none.
 int Session::quick_spacing() const {
   const Choices& choices = picture_.choices;
-  if (!moving_is_drawn_ || !choices.cells || !player_->holds_cells()) return 0;
+  if (!movement_.is_drawn || !choices.cells || !player_->holds_cells()) return 0;
   for (int spacing = std::max(widest_moving_samples, finest_spacing()); spacing >= finest_spacing(); spacing /= 2)
-    if (motion_.expected_seconds(Recipe::of_cells(spacing), choices) < quick_cells &&
-        motion_.expected_error(Recipe::of_cells(spacing), choices).error <= shown_recipe_.error)
+    if (movement_.control.expected_seconds(Recipe::of_cells(spacing), choices) < quick_cells &&
+        movement_.control.expected_error(Recipe::of_cells(spacing), choices).error <= shown_.recipe.error)
       return spacing;
   return 0;
 }
 
 // All points of a small file are soon there: nobody measures their error.
 Quality Session::quality_of_splats() const {
-  if (asks_for_splats(used_settings_.quality)) return used_settings_.quality;
+  if (asks_for_splats(used_.settings.quality)) return used_.settings.quality;
   const Quality usual = default_splats(info().point_count());
-  return usual.max_error && used_settings_.quality.max_error ? used_settings_.quality : usual;
+  return usual.max_error && used_.settings.quality.max_error ? used_.settings.quality : usual;
 }
 
 // Returns how many segments an exact picture may have.
 double Session::most_segments() const {
-  return used_settings_.quality.exact ? std::numeric_limits<double>::infinity()
-                                      : static_cast<double>(used_settings_.most_exact_segments);
+  return used_.settings.quality.exact ? std::numeric_limits<double>::infinity()
+                                      : static_cast<double>(used_.settings.most_exact_segments);
 }
 
 // Returns the least spacing of samples in any picture.
-int Session::finest_spacing() const { return used_settings_.drawing.sample_spacing.value_or(1); }
+int Session::finest_spacing() const { return used_.settings.drawing.sample_spacing.value_or(1); }
 
 // Where nobody looks at coarser pictures, there are none. 0: splats are wanted, or there is nothing else. Splats have
 // no contours.
 int Session::first_exact_spacing() const {
-  const ViewSettings& used = used_settings_;
+  const ViewSettings& used = used_.settings;
   const bool wants_splats =
       asks_for_splats(used.quality) || kernel_of(used.drawing) == KernelKind::octant || most_segments() == 0;
   if ((wants_splats && !player_->shows_contours()) || !player_->has_cells()) return 0;
@@ -109,8 +109,9 @@ Status Session::make_ready() {
   if (!player_->exact()) return {};
   if (player_->streamer().volume().is_far()) {
     SPLATVOL_TRY_ASSIGN(choices, player_->choices({.cells = Chooser::Cells::all, .widest_spacing = widest_spacing}));
-    const bool has_time = choices.cells && motion_.expected_seconds(Recipe::of_cells(widest_spacing), choices) <=
-                                               2 * used_settings_.moving.seconds;
+    const bool has_time =
+        choices.cells && movement_.control.expected_seconds(Recipe::of_cells(widest_spacing), choices) <=
+                             2 * used_.settings.moving.seconds;
     if (has_time) SPLATVOL_TRY(player_->hold_cells());
   }
   const double expected_error = quality_of_splats().max_error.value_or(0);
@@ -119,22 +120,24 @@ Status Session::make_ready() {
 
 Status Session::finish_making_ready(const Status& made) {
   if (!made && made.error().code == ErrorCode::cancelled) {
-    refinement_.reset();
+    rest_.refinement.reset();
     return {};
   }
-  if (!made) troubles_.push_back(made.error().message);
-  is_to_make_ready_ = false;
+  if (!made) troubles_.add(made.error().message);
+  rest_.is_to_make_ready = false;
   settle();
   return {};
 }
 
 // Says once why there is no exact picture.
-void Session::tell_of_splats(const std::string& reason) { tell_once(reason + ": splats are shown, no exact picture"); }
+void Session::tell_of_splats(const std::string& reason) {
+  troubles_.add_once(reason + ": splats are shown, no exact picture");
+}
 
 // Whether the last picture is there.
 void Session::settle() {
-  settled_ = refinement_->is_done() && !is_to_make_ready_;
-  if (settled_) read_ahead(step() + 1);
+  progress_.settled = rest_.refinement->is_done() && !rest_.is_to_make_ready;
+  if (progress_.settled) read_ahead(step() + 1);
 }
 
 }  // namespace splatvol

@@ -109,11 +109,6 @@ class FileCells final : public CellSource {
   [[nodiscard]] static Result<std::unique_ptr<const FileCells>> open(std::shared_ptr<const KeptCells> kept,
                                                                      const Scene& scene, const View& view);
 
-  /// Whether open() would give the same again.
-  [[nodiscard]] bool are_of(const std::shared_ptr<const KeptCells>& kept, const Scene& scene, const View& view) const {
-    return kept_ == kept && shown_ == ShownInCells(scene) && view_ == view;
-  }
-
   [[nodiscard]] std::span<const Chunk> chunks() const override { return chunks_; }
   [[nodiscard]] Result<const Tetrahedra*> read(const Chunk& chunk, Tetrahedra& scratch) const override {
     return kept_->read(entries_[chunk.number], scratch);
