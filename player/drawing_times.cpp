@@ -19,8 +19,13 @@ constexpr double remembered = 0.999;
 }  // namespace
 
 double DrawingTimes::work(const Recipe& rung, const Choices& choices) const {
-  if (rung.is_exact())  // of no cells, too
-    return std::max(work_of_cells(*choices.cells, choices.pixels, rung.sample_spacing), nanoseconds::of_picture);
+  if (rung.is_exact()) {
+    CellCounts cells = *choices.cells;
+    if (const auto refined = refined_.find(rung.sample_spacing); refined != refined_.end())
+      cells.segments *= refined->second;
+    // Of no cells, too.
+    return std::max(work_of_cells(cells, choices.pixels, rung.sample_spacing), nanoseconds::of_picture);
+  }
   const auto splats = static_cast<double>(rung.most_splats());
   const double samples = choices.pixels / (rung.sample_spacing * rung.sample_spacing);
   return work_of_splats(splats, fragments_of_splats(layers_, splats, samples), choices.pixels, rung.sample_spacing);
@@ -49,6 +54,10 @@ void DrawingTimes::add(const Outcome& outcome, const Choices& choices) {
   if (outcome.fragments > 0) {
     const double samples = choices.pixels / (rung.sample_spacing * rung.sample_spacing);
     layers_ = layers_of_one_splat(outcome.fragments, static_cast<double>(rung.most_splats()), samples);
+  }
+  if (outcome.segments > 0 && rung.sample_spacing > 1 && choices.cells) {
+    const double sampled = std::max(sampled_segments(*choices.cells, rung.sample_spacing), 1.0);
+    refined_[rung.sample_spacing] = std::max(outcome.segments / sampled, 1.0);
   }
   const Kind kind = kind_of(rung);
   for (auto& [other, ratio] : ratios_)

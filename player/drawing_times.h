@@ -33,6 +33,9 @@ class DrawingTimes {
   double layers_ = 2;      // layers_of_one_splat
   double machine_ = 1e-9;  // seconds of a unit of work
 
+  // [sample spacing]: the segments of cells over those that samples so far apart have. Refined samples have more.
+  std::map<int, double> refined_;
+
   // The factors of kinds of rungs. Each is learned by the first picture of its kind after one of another kind.
   std::map<Kind, double> ratios_;
   std::optional<Kind> kind_;  // of the last picture

@@ -547,7 +547,8 @@ Result<const Image*> Player::image_or_copy(Image& copy) const {
 }
 
 Outcome Player::outcome() const {
-  if (exact_) return {.recipe = Recipe::of_cells(sample_spacing_)};
+  if (exact_)
+    return {.recipe = Recipe::of_cells(sample_spacing_), .segments = static_cast<double>(exact_->segments)};
   const FrameSplats& frame = *frame_;
   Outcome outcome{.recipe = {frame.detail, sample_spacing_},
                   .splats = frame.splats,

@@ -45,6 +45,7 @@ struct Outcome {
   std::optional<double> expected_error = {};  // of splats without missing parts: by the file's index, as ErrorGoal
   bool finest = false;                        // more splats would not change it
   double fragments = 0;                       // of splats, as in FrameTimes
+  double segments = 0;                        // of cells, in all samples
   double seconds = 0;                         // 0: not known, as some parts were read or are missing
   std::optional<double> error = {};           // measured: root mean square of linear RGB
   const Image* picture = nullptr;             // if the chooser needs it: while it is told

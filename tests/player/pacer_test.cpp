@@ -170,6 +170,17 @@ TEST(Pacer, ForgetsAMishap) {
   for (int picture = 0; picture < 40; ++picture) EXPECT_TRUE(machine.draw(pacer, choices).is_exact());
 }
 
+// Where samples are refined, pictures of wide ones take about as long as those of all.
+TEST(Pacer, CountsRefinedSamples) {
+  Choices choices{.cells = CellCounts{100'000, 10'000'000}, .has_splats = false};
+  Pacer pacer(0.1);
+  ASSERT_EQ(pacer.next(choices), Recipe::of_cells(4));
+  Outcome outcome = outcome_of(Recipe::of_cells(4), 0, 0.05);
+  outcome.segments = 8'000'000;
+  pacer.add(outcome, choices);
+  EXPECT_EQ(pacer.next(choices), Recipe::of_cells(1));
+}
+
 TEST(Pacer, StaysOnTheLadderWhateverItIsTold) {
   for (const double seconds : {1e-300, 1e300}) {
     Pacer pacer(seconds);
