@@ -547,8 +547,7 @@ Result<const Image*> Player::image_or_copy(Image& copy) const {
 }
 
 Outcome Player::outcome() const {
-  if (exact_)
-    return {.recipe = Recipe::of_cells(sample_spacing_), .segments = static_cast<double>(exact_->segments)};
+  if (exact_) return {.recipe = Recipe::of_cells(sample_spacing_), .segments = static_cast<double>(exact_->segments)};
   const FrameSplats& frame = *frame_;
   Outcome outcome{.recipe = {frame.detail, sample_spacing_},
                   .splats = frame.splats,
@@ -579,7 +578,7 @@ Result<Outcome> Player::draw_in(const Recipe& recipe, double seconds) {
   double draw_seconds = 0;
   if (recipe.is_exact()) {
     SPLATVOL_TRY(draw_cells(recipe.sample_spacing, {}));
-    draw_seconds = times_.frame;
+    draw_seconds = times_.frame - times_.surfaces;
   } else {
     SPLATVOL_TRY(choose(*recipe.splats, 0));
     if (!frame_->progress.settled) {
@@ -590,7 +589,7 @@ Result<Outcome> Player::draw_in(const Recipe& recipe, double seconds) {
     }
     const auto draw_start = Clock::now();
     SPLATVOL_TRY(draw_chosen(recipe.sample_spacing));
-    draw_seconds = seconds_since(draw_start);
+    draw_seconds = seconds_since(draw_start) - times_.surfaces;
   }
   Outcome drawn = outcome();
   drawn.seconds = draw_seconds;
@@ -604,7 +603,7 @@ Result<Outcome> Player::draw_steadily(const Recipe& recipe) {
   SPLATVOL_TRY(draw(recipe));
   SPLATVOL_TRY(draw_again());
   Outcome drawn = outcome();
-  drawn.seconds = times_.frame;
+  drawn.seconds = times_.frame - times_.surfaces;
   return drawn;
 }
 
@@ -696,6 +695,7 @@ Result<Choices> Player::choices(const Chooser::Needs& needs) {
                   .finest_spacing = has_layers() ? 1 : finest_spacing,
                   .widest_spacing = has_layers() ? 1 : std::max(finest_spacing, needs.widest_spacing),
                   .pixels = static_cast<double>(scene_.width) * scene_.height,
+                  .surfaces_seconds = has_layers() ? times_.surfaces : 0,
                   .direction = view_.forward};
   if (shows_contours())
     choices.has_splats = false, choices.added_error = error_without_contours;

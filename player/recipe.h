@@ -62,6 +62,7 @@ struct Choices {
 
   double most_segments = std::numeric_limits<double>::infinity();  // of cells, in all samples
   double first_cells_seconds = 1.0 / 12;  // cells that have the wanted error in this time come before splats
+  double surfaces_seconds = 0;            // that surfaces and slices take beside any recipe
   double added_error = 0;                 // expected of splats, as they lack something
   dvec3 direction = {0, 0, 1};            // of the view
 };
