@@ -705,7 +705,6 @@ Result<Choices> Player::choices(const Chooser::Needs& needs) {
   if (needs.cells == Chooser::Cells::none || (!may_read && choices.has_splats)) return choices;
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
   const auto unread = static_cast<double>(cells->unread_tetrahedra());
-  if (unread > needs.most_unread) return choices;
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
   if (estimate.unknown_cells > 0 && choices.has_splats) return choices;
   choices.cells = estimate.counts();

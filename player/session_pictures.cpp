@@ -84,8 +84,8 @@ Result<Choices> Session::choices_for(bool moves) const {
   Chooser::Needs needs = moves ? movement_.control.needs() : rest_.refinement->needs();
   const bool has_contours = player_->shows_contours();
   const bool must_read = player_->streamer().volume().is_far() && !player_->holds_cells();  // most of the work
-  if (moves && (first_exact_spacing() == 0 || cells_fail_ || must_read)) needs.cells = Chooser::Cells::none;
-  if (moves) needs.most_unread = 1e9 * used_.settings.moving.seconds / nanoseconds::of_unread_tetrahedron;
+  if (moves && (first_exact_spacing() == 0 || cells_fail_ || !player_->holds_cells()))
+    needs.cells = Chooser::Cells::none;
   SPLATVOL_TRY_ASSIGN(choices, player_->choices(needs));
   if (!has_contours) choices.most_segments = most_segments();
   choices.finest_spacing = finest_spacing();

@@ -322,19 +322,15 @@ TEST_F(ExactPictures, AreDrawnWhereThereIsMuchTime) {
   EXPECT_FALSE(is_exact(true, {.sort = SortMode::axis}));
 }
 
-// Reading is work. More of it than a chooser allows is not offered.
+// Reading is work.
 TEST_F(ExactPictures, CountWhatIsNotRead) {
   test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto player = open("m.svol");
-  const auto unread = [&](double most_unread) -> std::optional<double> {
-    const auto choices = test::value_of(player->choices({.cells = Chooser::Cells::near, .most_unread = most_unread}));
-    return choices.cells ? std::optional(choices.cells->unread) : std::nullopt;
-  };
-  EXPECT_EQ(unread(0), std::nullopt);
-  const auto before = unread(1e9);
+  const auto unread = [&] { return test::value_of(player->choices({.cells = Chooser::Cells::near})).cells->unread; };
+  const double before = unread();
   EXPECT_EQ(before, static_cast<double>(test::value_of(player->estimate_exact()).tetrahedra));
   EXPECT_EQ(test::message_of(player->hold_cells()), "");
-  EXPECT_EQ(unread(0), 0);
+  EXPECT_EQ(unread(), 0);
 }
 
 // A segment with many pieces is more work, so that less of it is drawn where nobody asks.
