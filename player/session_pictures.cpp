@@ -4,7 +4,6 @@
 
 #include "player/choice.h"
 #include "player/session.h"
-#include "scene/isovalue.h"
 
 namespace splatvol {
 namespace {
@@ -122,10 +121,8 @@ Status Session::draw_picture(double seconds) {
   return {};
 }
 
-// Contours are shells then. The picture of the step before stays until there is one that is as fine.
+// The picture of the step before stays until there is one that is as fine.
 Status Session::draw_splats(const Recipe& recipe, double seconds) {
-  if (player_->shows_contours())
-    SPLATVOL_TRY(player_->set_scene(with_shells(player_->scene(), glm::length(data_.bounds.extent()))));
   SPLATVOL_TRY(player_->choose(*recipe.splats, awaited_.is_awaited ? step_wait_seconds : 0));
   awaited_.seconds += seconds;
   awaited_.is_awaited_after =
