@@ -302,6 +302,9 @@ class Player {
   /// Whether layers of translucent surfaces were joined in the last picture (draw_surfaces).
   [[nodiscard]] bool has_joined_surfaces() const { return picture_ && surfaces_.layers.is_joined; }
 
+  /// Returns the surfaces of the scene.
+  [[nodiscard]] const std::vector<Surface>& surfaces() const { return surfaces_.all; }
+
   /// Returns the error of patches that the pictures lack: the triangles of the boundary that a scene shows may take a
   /// quarter of PlayerOptions::memory, and the largest patches beyond are left out. None if all are drawn.
   [[nodiscard]] std::optional<Error> left_out() const;

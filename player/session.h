@@ -247,6 +247,9 @@ class Session {
   /// Whether pictures of splats may be drawn by a job.
   [[nodiscard]] bool draws_aside() const { return player_->rasterizer().capabilities().any_thread; }
 
+  /// Returns the scene's surfaces with their triangles. Must not be called while `is_drawing`.
+  [[nodiscard]] const std::vector<Surface>& surfaces() const { return player_->surfaces(); }
+
   /// Returns the device that draws, in words.
   [[nodiscard]] std::string device_text() const { return player_->rasterizer().description(); }
 

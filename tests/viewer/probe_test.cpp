@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <memory>
 #include <numbers>
 
 #include "splat/kernel.h"
@@ -51,6 +52,42 @@ TEST(Probe, FindsTheFirstOfTwoOpaqueSplats) {
     EXPECT_NEAR(found->position.z, 2, 1e-9);
     EXPECT_NEAR(found->position.x, 1e6, 1e-6);
     EXPECT_NEAR(found->opacity, 1, 1e-12);
+  }
+}
+
+// A square across the line of sight, at a depth.
+Surface square(double z, double opacity) {
+  auto mesh = std::make_shared<TriangleMesh>();
+  for (const dvec2 corner : {dvec2(-1, -1), dvec2(1, -1), dvec2(1, 1), dvec2(-1, 1)})
+    mesh->points.emplace_back(1e6 + corner.x, corner.y, z);
+  mesh->triangles = {{0, 1, 2}, {0, 2, 3}};
+  return {{.opacity = opacity, .boundary = "wall"}, mesh};
+}
+
+TEST(Probe, TellsTheSurfaceOfTheLargestShare) {
+  const std::vector<MomentsSplat> splats = {ball({0, 0, 0}, 0.1, 10, 3)};
+  for (const bool orthographic : {false, true}) {
+    View view = view_along_z(orthographic);
+    const Ray ray = looking_through(view, 100.5, 50.5).ray;
+    const auto found = [&](const std::vector<Surface>& surfaces, bool has_volume = true) {
+      return with_surfaces(has_volume ? probe(list_of(splats), constant(1000), {}, view, 100.5, 50.5) : std::nullopt,
+                           surfaces, view, ray);
+    };
+    EXPECT_EQ(found({square(-2, 1)})->surface, "") << "it lies behind an opaque volume";
+    const auto in_front = found({square(2, 1)});
+    EXPECT_EQ(in_front->surface, "wall");
+    EXPECT_NEAR(in_front->position.z, 2, 1e-9);
+    EXPECT_TRUE(std::isnan(in_front->value));
+    EXPECT_EQ(in_front->opacity, 1);
+    EXPECT_EQ(found({square(2, 0.4)})->surface, "") << "most of the light is the volume's";
+    EXPECT_EQ(found({square(2, 0.6)})->surface, "wall");
+    EXPECT_NEAR(found({square(2, 0.4), square(3, 0.5)}, false)->position.z, 3, 1e-9);
+    EXPECT_FALSE(found({}, false));
+    Surface hidden = square(2, 1);
+    hidden.style.shown = false;
+    EXPECT_EQ(found({hidden})->surface, "");
+    view.clip.box = Box{{1e6 - 5, -5, -5}, {1e6 + 5, 5, 1}};
+    EXPECT_EQ(found({square(2, 1)})->surface, "") << "it is cut away";
   }
 }
 
