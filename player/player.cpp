@@ -201,7 +201,9 @@ Status Player::replace(PlayerFile file) {
 
 // Patches have their share while there are some.
 void Player::take_surfaces(std::vector<Surface> surfaces) {
-  const auto is_same = [](const Surface& a, const Surface& b) { return a.style == b.style && a.mesh == b.mesh; };
+  const auto is_same = [](const Surface& a, const Surface& b) {
+    return a.style == b.style && a.mesh == b.mesh && a.values == b.values;
+  };
   if (!std::ranges::equal(surfaces_.all, surfaces, is_same)) surfaces_.view.reset();
   surfaces_.all = std::move(surfaces);
   const auto is_patch = [](const Surface& surface) { return surface.mesh && !surface.style.boundary.empty(); };
@@ -280,6 +282,9 @@ Status Player::show_step(std::size_t step) {
     return changed;
   }
   step_ = step;
+  std::vector<Surface> surfaces = surfaces_.all;
+  SPLATVOL_TRY(add_values(surfaces, streamer_->volume(), surfaces_.all));
+  take_surfaces(std::move(surfaces));
   SPLATVOL_TRY_ASSIGN(of_splats, scene_of_splats(scene_, *streamer_));
   function_of_splats_ = of_splats.transfer_function;
   return set_function(*rasterizer_, of_splats, *streamer_);

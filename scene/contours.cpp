@@ -50,8 +50,13 @@ BarColors bar_colors_of(const Scene& scene) {
   const bool has_volume = std::ranges::any_of(scene.transfer_function.densities,
                                               [](const auto& density) { return density.extinction > 0; });
   const bool has_slices = std::ranges::any_of(scene.slices, &SceneSlice::shown);
-  if (contours.attribute.empty() || has_volume || has_slices) return {scene.attribute, scene.transfer_function};
-  return {std::move(contours.attribute), std::move(contours.colors)};
+  if (has_volume || has_slices) return {scene.attribute, scene.transfer_function};
+  if (!contours.attribute.empty()) return {std::move(contours.attribute), std::move(contours.colors)};
+  const auto surface =
+      std::ranges::find_if(scene.surfaces, [](const SceneSurface& one) { return one.shown && one.color_by; });
+  if (contours.surfaces.empty() && surface != scene.surfaces.end())
+    return {surface->color_by->attribute, surface->color_by->function};
+  return {scene.attribute, scene.transfer_function};
 }
 
 }  // namespace splatvol

@@ -87,8 +87,8 @@ struct BarColors {
   TransferFunction function;
 };
 
-/// Returns what colours the contours of a scene, if another attribute does and nothing else is shown: no density, and
-/// no slice. Else returns what colours the volume. Requires check_contours.
+/// Returns what colours the contours of a scene, or its surfaces, if another attribute does and nothing else is shown:
+/// no density, and no slice. Else returns what colours the volume. Requires check_contours.
 [[nodiscard]] BarColors bar_colors_of(const Scene& scene);
 
 /// A plane in world units.

@@ -220,21 +220,6 @@ Status read_opacity(const JsonField& field, double& opacity) {
   return {};
 }
 
-Result<SceneSurface> read_surface(const JsonField& field) {
-  SPLATVOL_TRY(field.check_names({"file", "boundary", "color", "opacity", "shown", "edges"}));
-  SceneSurface surface;
-  if (field.has("file") && field.has("boundary")) return field.wrong("give \"file\" or \"boundary\", not both");
-  if (field.has("boundary"))
-    SPLATVOL_TRY_SET(surface.boundary, name(field.member("boundary")));
-  else
-    SPLATVOL_TRY_SET(surface.file, name(field.member("file")));
-  if (field.has("color")) SPLATVOL_TRY_SET(surface.color, color(field.member("color")));
-  SPLATVOL_TRY(read_opacity(field.member("opacity"), surface.opacity));
-  SPLATVOL_TRY(read_truth(field.member("shown"), surface.shown));
-  SPLATVOL_TRY(read_truth(field.member("edges"), surface.edges));
-  return surface;
-}
-
 Result<SceneColoring> read_coloring(const JsonField& field) {
   SPLATVOL_TRY(field.check_names({"attribute", "domain", "axis", "linear_width", "colors"}));
   SceneColoring coloring;
@@ -243,6 +228,22 @@ Result<SceneColoring> read_coloring(const JsonField& field) {
   SPLATVOL_TRY_SET(coloring.function.colors, read_colors(field.member("colors")));
   coloring.function.densities = {{0, 1}};
   return coloring;
+}
+
+Result<SceneSurface> read_surface(const JsonField& field) {
+  SPLATVOL_TRY(field.check_names({"file", "boundary", "color", "color_by", "opacity", "shown", "edges"}));
+  SceneSurface surface;
+  if (field.has("file") && field.has("boundary")) return field.wrong("give \"file\" or \"boundary\", not both");
+  if (field.has("boundary"))
+    SPLATVOL_TRY_SET(surface.boundary, name(field.member("boundary")));
+  else
+    SPLATVOL_TRY_SET(surface.file, name(field.member("file")));
+  if (field.has("color")) SPLATVOL_TRY_SET(surface.color, color(field.member("color")));
+  if (field.has("color_by")) SPLATVOL_TRY_SET(surface.color_by, read_coloring(field.member("color_by")));
+  SPLATVOL_TRY(read_opacity(field.member("opacity"), surface.opacity));
+  SPLATVOL_TRY(read_truth(field.member("shown"), surface.shown));
+  SPLATVOL_TRY(read_truth(field.member("edges"), surface.edges));
+  return surface;
 }
 
 Result<SceneContour> read_contour(const JsonField& field) {
@@ -439,15 +440,17 @@ void add_colors(const TransferFunction& function, nlohmann::ordered_json& docume
   for (const auto& [t, rgb] : function.colors) document["colors"].push_back({t, rgb.r, rgb.g, rgb.b});
 }
 
+nlohmann::ordered_json json_of(const SceneColoring& coloring) {
+  nlohmann::ordered_json document = {{"attribute", coloring.attribute}};
+  add_domain(coloring.function, document);
+  add_colors(coloring.function, document);
+  return document;
+}
+
 nlohmann::ordered_json json_of(const SceneContour& contour) {
   nlohmann::ordered_json document = {{"values", contour.values}};
   if (contour.color) document["color"] = json_of(*contour.color);
-  if (contour.color_by) {
-    nlohmann::ordered_json& coloring = document["color_by"];
-    coloring["attribute"] = contour.color_by->attribute;
-    add_domain(contour.color_by->function, coloring);
-    add_colors(contour.color_by->function, coloring);
-  }
+  if (contour.color_by) document["color_by"] = json_of(*contour.color_by);
   document["opacity"] = contour.opacity;
   document["shown"] = contour.shown;
   return document;
@@ -531,7 +534,7 @@ std::string to_json(const UsedScene& used, int indent) {
     document["scalar_bar"] = {{"ticks", scene.scalar_bar.ticks}, {"unit", scene.scalar_bar.unit}};
   if (scene.clip_box)
     document["clip_box"] = {{"low", json_of(scene.clip_box->low)}, {"high", json_of(scene.clip_box->high)}};
-  for (const SceneSurface& surface : scene.surfaces)
+  for (const SceneSurface& surface : scene.surfaces) {
     document["surfaces"].push_back({surface.boundary.empty()
                                         ? nlohmann::ordered_json::array({"file", surface.file})
                                         : nlohmann::ordered_json::array({"boundary", surface.boundary}),
@@ -539,6 +542,8 @@ std::string to_json(const UsedScene& used, int indent) {
                                     {"opacity", surface.opacity},
                                     {"shown", surface.shown},
                                     {"edges", surface.edges}});
+    if (surface.color_by) document["surfaces"].back()["color_by"] = json_of(*surface.color_by);
+  }
   for (const SceneContour& contour : scene.contours) document["contours"].push_back(json_of(contour));
   for (const SceneSlice& slice : scene.slices)
     document["slices"].push_back({{"point", json_of(slice.point)},

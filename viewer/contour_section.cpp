@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "pictures/ticks.h"
-#include "scene/color_maps.h"
 #include "scene/scene.h"
+#include "viewer/coloring.h"
 #include "viewer/window/gui_units.h"
 
 namespace splatvol {
@@ -56,16 +56,6 @@ void draw_values(Scene& scene, SceneContour& contour) {
 }
 
 // All contours that another attribute colours have the same colours.
-SceneColoring coloring_by(const Scene& scene, const format::Attribute& attribute) {
-  for (const SceneContour& contour : scene.contours)
-    if (contour.color_by && contour.color_by->attribute == attribute.name) return *contour.color_by;
-  SceneColoring coloring{attribute.name, {}};
-  coloring.function.lo = attribute.min;
-  coloring.function.hi = attribute.max > attribute.min ? attribute.max : attribute.min + 1;
-  coloring.function.colors = color_maps()[0].colors;
-  return coloring;
-}
-
 void color_by(Scene& scene, SceneContour& contour, const format::Attribute& attribute) {
   const SceneColoring coloring = coloring_by(scene, attribute);
   for (SceneContour& other : scene.contours)
