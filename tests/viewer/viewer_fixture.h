@@ -9,10 +9,10 @@
 #include <utility>
 #include <vector>
 
+#include "player/thread_host.h"
 #include "tests/renderer/shared_context.h"
 #include "tests/support/temp_folder.h"
 #include "tests/support/test_volume.h"
-#include "viewer/thread_host.h"
 #include "viewer/viewer.h"
 #include "viewer/window/byte_target.h"
 
