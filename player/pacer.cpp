@@ -49,6 +49,7 @@ std::vector<Recipe> Pacer::ladder(const Choices& choices) const {
 
 std::optional<Recipe> Pacer::next(const Choices& choices) {
   const std::vector<Recipe> rungs = ladder(choices);
+  const double time = seconds_ - choices.surfaces_seconds;
   // From `begin` to `last`; `begin` if there is time for none.
   const auto finest_of = [&](std::ptrdiff_t begin, std::ptrdiff_t last, double seconds) {
     begin = std::max<std::ptrdiff_t>(begin, 0);
@@ -59,18 +60,18 @@ std::optional<Recipe> Pacer::next(const Choices& choices) {
   };
   if (!rung_) {
     const auto splats = std::ranges::count_if(rungs, [](const Recipe& rung) { return !rung.is_exact(); });
-    rung_ = finest_of(0, times_.is_measured() ? std::ssize(rungs) : splats - 1, seconds_);
+    rung_ = finest_of(0, times_.is_measured() ? std::ssize(rungs) : splats - 1, time);
     return rung_;
   }
   const auto finer = std::ranges::find_if(rungs, [&](const Recipe& rung) { return is_finer(rung, *rung_); });
   const std::ptrdiff_t above = finer - rungs.begin(), at = above - 1;
   const bool is_here = at >= 0 && rungs[static_cast<std::size_t>(at)] == *rung_;
   if (!is_here)
-    rung_ = finest_of(above - most_rungs, at + most_rungs, short_enough * seconds_);
-  else if (times_.predict(*rung_, choices) <= too_long * seconds_)
-    rung_ = finest_of(at, at + most_rungs, short_enough * seconds_);
+    rung_ = finest_of(above - most_rungs, at + most_rungs, short_enough * time);
+  else if (times_.predict(*rung_, choices) <= too_long * time)
+    rung_ = finest_of(at, at + most_rungs, short_enough * time);
   else
-    rung_ = finest_of(at - most_rungs, at - 1, seconds_);
+    rung_ = finest_of(at - most_rungs, at - 1, time);
   return rung_;
 }
 

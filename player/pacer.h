@@ -41,11 +41,6 @@ class Pacer final : public Chooser {
   /// Lets the next rung be any.
   void leap() { rung_.reset(); }
 
-  /// Whether a rung's predicted time is short enough.
-  [[nodiscard]] bool fits(const Recipe& rung, const Choices& choices) const {
-    return times_.predict(rung, choices) <= seconds_;
-  }
-
  private:
   double seconds_;
   std::optional<Recipe> rung_;  // the last one

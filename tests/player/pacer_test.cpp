@@ -65,12 +65,10 @@ TEST(Pacer, SamplesComeCloserBeforeSplatsAreMany) {
 }
 
 TEST(Pacer, EachRungIsMoreWork) {
-  for (const Choices& choices : {million, with_cells})
-    for (double seconds = 1e-4; seconds < 10; seconds *= 1.1) {
-      const Pacer pacer(seconds);
-      const std::vector<Recipe> ladder = pacer.ladder(choices);
-      EXPECT_TRUE(std::ranges::is_partitioned(ladder, [&](const Recipe& rung) { return pacer.fits(rung, choices); }));
-    }
+  for (const Choices& choices : {million, with_cells}) {
+    const auto work = [&](const Recipe& rung) { return DrawingTimes().work(rung, choices); };
+    EXPECT_TRUE(std::ranges::is_sorted(Pacer(1).ladder(choices), {}, work));
+  }
 }
 
 TEST(Pacer, CellsStandAboveSplatsOfLessWork) {
@@ -168,6 +166,19 @@ TEST(Pacer, ForgetsAMishap) {
   while (!machine.draw(pacer, choices).is_exact()) ASSERT_LT(++pictures, 1000);
   EXPECT_GT(pictures, 1);
   for (int picture = 0; picture < 40; ++picture) EXPECT_TRUE(machine.draw(pacer, choices).is_exact());
+}
+
+TEST(Pacer, LeavesTimeForSurfaces) {
+  const auto splats_in = [](double surfaces_seconds) {
+    Choices choices = million;
+    choices.surfaces_seconds = surfaces_seconds;
+    Pacer pacer(0.02);
+    Recipe rung;
+    for (int picture = 0; picture < 40; ++picture) rung = Machine{1}.draw(pacer, choices);
+    return rung.most_splats();
+  };
+  EXPECT_LT(splats_in(0.015), splats_in(0) / 2);
+  EXPECT_EQ(splats_in(0.05), Pacer(1).ladder(million).front().most_splats()) << "there is no time left";
 }
 
 // Where samples are refined, pictures of wide ones take about as long as those of all.
