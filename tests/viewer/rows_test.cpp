@@ -10,7 +10,7 @@ namespace {
 struct PanelRows : test::ViewerFixture {
   void SetUp() override {
     ViewerFixture::SetUp();
-    write_two_attributes("v.svol");
+    write_two_attributes(path("v.svol"));
     resize(800, 1000);
     open({.volume = path("v.svol")});
     settle();
@@ -80,7 +80,7 @@ TEST_F(PanelRows, PatchesKeepTheirPlacesWhenTheyBecomeSurfaces) {
   TriangleMesh triangle;
   triangle.points = {dvec3(0), dvec3(1, 0, 0), dvec3(0, 1, 0)};
   triangle.triangles = {{0, 1, 2}};
-  TestVolume volume = make_test_volume(random_points(50, 3), {std::vector<double>(50, 1.0)});
+  TestVolume volume = make_test_volume(random_points(50, 3u), {std::vector<double>(50, 1.0)});
   const std::vector<Patch> patches = {{"inlet", triangle}, {"wall", triangle}, {"outlet", triangle}};
   auto packed = format::pack_boundary(patches, 0);
   volume.info.boundary = packed->info;
