@@ -277,50 +277,53 @@ TEST_F(EnsightTest, CutFilesOfAllSteps) {
   }
 }
 
+/// Two cells, and a ghost before each.
+std::string ghost_geometry(Encoding encoding) {
+  EnsightText file(encoding);
+  file.kind();
+  for (const char* line : {"two cells, and a ghost before each", "", "node id assign", "element id assign", "part"})
+    file.line(line);
+  file.ints({5});
+  for (const char* line : {"a part", "coordinates"}) file.line(line);
+  file.ints({20});
+  for (std::size_t axis = 0; axis < 3; ++axis)  // four layers of cells above each other
+    file.floats(20, [&](std::size_t i) { return corners[i % 4][axis] + (axis == 2 ? static_cast<double>(i / 4) : 0); });
+  const auto put_cell = [&](const char* type, std::uint32_t layer) {
+    std::vector<std::uint32_t> points(8);
+    std::iota(points.begin(), points.end(), 4 * layer + 1);
+    file.line(type);
+    file.ints({1});
+    file.ints(points, 8);
+  };
+  put_cell("g_hexa8", 0), put_cell("hexa8", 1), put_cell("g_hexa8", 3), put_cell("hexa8", 2);
+  return file.bytes;
+}
+
+std::string ghost_values(Encoding encoding, std::size_t components) {
+  EnsightText file(encoding);
+  for (const char* line : {"values", "part"}) file.line(line);
+  file.ints({5});
+  for (const char* type : {"g_hexa8", "hexa8"}) {
+    file.line(type);
+    for (std::size_t c = 0; c < components; ++c)
+      file.floats(2, [&](std::size_t i) {
+        return (type[0] == 'g' ? 100. : 10. * static_cast<double>(i)) + static_cast<double>(c);
+      });
+  }
+  return file.bytes;
+}
+
+constexpr std::string_view ghost_case =
+    "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per element: q q\nvector per element: W W\n";
+
 // Ghosts are left out with the points that only they use. VTK's reader fails at their values.
 TEST_F(EnsightTest, GhostElements) {
-  const auto geometry_of = [](Encoding encoding) {
-    EnsightText file(encoding);
-    file.kind();
-    for (const char* line : {"two cells, and a ghost before each", "", "node id assign", "element id assign", "part"})
-      file.line(line);
-    file.ints({5});
-    for (const char* line : {"a part", "coordinates"}) file.line(line);
-    file.ints({20});
-    for (std::size_t axis = 0; axis < 3; ++axis)  // four layers of cells above each other
-      file.floats(20,
-                  [&](std::size_t i) { return corners[i % 4][axis] + (axis == 2 ? static_cast<double>(i / 4) : 0); });
-    const auto put_cell = [&](const char* type, std::uint32_t layer) {
-      std::vector<std::uint32_t> points(8);
-      std::iota(points.begin(), points.end(), 4 * layer + 1);
-      file.line(type);
-      file.ints({1});
-      file.ints(points, 8);
-    };
-    put_cell("g_hexa8", 0), put_cell("hexa8", 1), put_cell("g_hexa8", 3), put_cell("hexa8", 2);
-    return file.bytes;
-  };
-  const auto values_of = [](Encoding encoding, std::size_t components) {
-    EnsightText file(encoding);
-    for (const char* line : {"values", "part"}) file.line(line);
-    file.ints({5});
-    for (const char* type : {"g_hexa8", "hexa8"}) {
-      file.line(type);
-      for (std::size_t c = 0; c < components; ++c)
-        file.floats(2, [&](std::size_t i) {
-          return (type[0] == 'g' ? 100. : 10. * static_cast<double>(i)) + static_cast<double>(c);
-        });
-    }
-    return file.bytes;
-  };
-  write(
-      "a.case",
-      "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per element: q q\nvector per element: W W\n");
+  write("a.case", std::string(ghost_case));
   for (const Encoding encoding : encodings) {
     SCOPED_TRACE(static_cast<int>(encoding));
-    write("geo", geometry_of(encoding));
-    write("q", values_of(encoding, 1));
-    write("W", values_of(encoding, 3));
+    write("geo", ghost_geometry(encoding));
+    write("q", ghost_values(encoding, 1));
+    write("W", ghost_values(encoding, 3));
     const auto input = value_of(read_input({path("a.case")}, {.cells = CellValues::own}));
     EXPECT_THAT(input.attributes, ElementsAre("q", "W", "W[0]", "W[1]", "W[2]"));
     ASSERT_EQ(input.points, 2u);
@@ -331,14 +334,18 @@ TEST_F(EnsightTest, GhostElements) {
     EXPECT_EQ(selected.points, 12u);
     EXPECT_NEAR(selected.volume, 2, 1e-6);
     EXPECT_EQ(selected.census.hidden_points, 8u);
-    write("q", values_of(encoding, 1).substr(0, values_of(encoding, 1).size() - 8));
+    write("q", ghost_values(encoding, 1).substr(0, ghost_values(encoding, 1).size() - 8));
     EXPECT_THAT(
         error_of({path("a.case")}),
         HasSubstr(encoding == Encoding::text ? "q: no line end follows its last line" : "q: the file is cut off"));
   }
+}
+
+TEST_F(EnsightTest, ValuesBesideGhostElements) {
+  write("a.case", std::string(ghost_case));
   const std::string head = "values\npart\n         5\ng_hexa8 undef\n-9\n1\n2\nhexa8 ";
-  write("geo", geometry_of(Encoding::text));
-  write("W", values_of(Encoding::text, 3));
+  write("geo", ghost_geometry(Encoding::text));
+  write("W", ghost_values(Encoding::text, 3));
   const auto values_with = [&](const std::string& text) {
     write("q", head + text);
     const auto input = value_of(read_input({path("a.case")}, {.cells = CellValues::own}));
