@@ -91,8 +91,8 @@ Status Viewer::take_preview() {
   preview_.reset();
   opening_->end_preview();
   if (!file) return {};
-  file->path = opening_->path();
-  file->pieces = opening_->asked().pieces;
+  file->source.path = opening_->path();
+  file->source.pieces = opening_->asked().pieces;
   SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(*file), state_.host));
   const Scene first = session->scene;
   show(std::move(session));

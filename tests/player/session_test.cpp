@@ -193,17 +193,17 @@ TEST_F(RecordedSession, ASlowerMachineKeepsTheError) {
   const auto move = [&](int frames) {
     int changes = 0;
     for (int frame = 0; frame < frames; ++frame) {
-      const Rung before = session->shown_recipe().rung;
+      const Recipe before = session->shown_recipe().recipe;
       session->scene.camera.position += dvec3(0.001);
       EXPECT_EQ(test::message_of(session->draw(width, height, 0.016)), "");
       EXPECT_TRUE(session->shown_recipe().moves);
-      changes += session->shown_recipe().rung == before ? 0 : 1;
+      changes += session->shown_recipe().recipe == before ? 0 : 1;
     }
     return changes;
   };
   static_cast<void>(move(10));
   EXPECT_TRUE(session->exact());
-  EXPECT_EQ(session->shown_recipe().rung.sample_spacing, 1);
+  EXPECT_EQ(session->shown_recipe().recipe.sample_spacing, 1);
 
   host.slower = 4;
   EXPECT_LE(move(20), 2);
@@ -326,13 +326,13 @@ TEST_F(MovingSession, RestsWithoutAWorsePicture) {
     draw(*session);
     shown.erase(shown.begin(), shown.end() - 1);
     ASSERT_TRUE(shown[0].recipe.moves);
-    ASSERT_TRUE(shown[0].recipe.rung.is_exact());
+    ASSERT_TRUE(shown[0].recipe.recipe.is_exact());
     rest(*session);
     for (std::size_t i = 1; i < shown.size(); ++i) {
-      EXPECT_TRUE(shown[i].recipe.rung.is_exact()) << "no splats between";
-      EXPECT_LT(shown[i].recipe.rung.sample_spacing, shown[i - 1].recipe.rung.sample_spacing);
+      EXPECT_TRUE(shown[i].recipe.recipe.is_exact()) << "no splats between";
+      EXPECT_LT(shown[i].recipe.recipe.sample_spacing, shown[i - 1].recipe.recipe.sample_spacing);
     }
-    EXPECT_EQ(shown.back().recipe.rung, (Rung{0, 1}));
+    EXPECT_EQ(shown.back().recipe.recipe, (Recipe::of_cells(1)));
   }
 }
 
@@ -346,7 +346,7 @@ TEST_F(MovingSession, LeavesOutNoContours) {
     light = 0;
     draw(*session);
     EXPECT_TRUE(shown.back().recipe.moves);
-    EXPECT_EQ(shown.back().recipe.rung.is_exact(), keeps_cells);
+    EXPECT_EQ(shown.back().recipe.recipe.is_exact(), keeps_cells);
     EXPECT_GT(light, 100) << keeps_cells;
     EXPECT_EQ(session->scene.contours.size(), 1U);
   }
@@ -373,8 +373,10 @@ TEST_F(RecordedSession, StepsThatPlayHaveTheirCells) {
   ViewSettings settings;
   settings.device = Device::cpu;
   settings.in_current_context = false;
-  std::vector<std::pair<std::size_t, Rung>> shown;
-  settings.on_picture = [&](const CompletePicture& picture) { shown.emplace_back(picture.step, picture.recipe.rung); };
+  std::vector<std::pair<std::size_t, Recipe>> shown;
+  settings.on_picture = [&](const CompletePicture& picture) {
+    shown.emplace_back(picture.step, picture.recipe.recipe);
+  };
   InlineHost host;
   const auto session = test::value_of(Session::open(path("cells.svol"), "", settings, host));
   const auto frame = [&](double seconds) {
@@ -390,7 +392,7 @@ TEST_F(RecordedSession, StepsThatPlayHaveTheirCells) {
   session->toggle_playing();
   while (session->is_playing()) frame(0.05);  // ends by the test's time limit
   for (const std::size_t step : {1U, 2U}) {
-    const auto first = std::ranges::find(shown, step, &std::pair<std::size_t, Rung>::first);
+    const auto first = std::ranges::find(shown, step, &std::pair<std::size_t, Recipe>::first);
     ASSERT_NE(first, shown.end()) << step;
     EXPECT_TRUE(first->second.is_exact()) << step;
   }

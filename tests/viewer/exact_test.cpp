@@ -235,7 +235,7 @@ TEST_F(ExactAtRest, IsGivenUpForAChange) {
     session->scene.camera.position += dvec3(0.01);
     draw(*session, 0.001);
     const auto is_being_drawn = [&] {
-      return session->is_drawing() && session->refinement() && session->refinement()->is_done();
+      return session->is_drawing() && session->refinement() && session->refinement()->has_all_splats();
     };
     for (int frames = 0; !is_being_drawn() && !session->is_settled() && frames < 10000; ++frames) draw(*session);
     given_up += session->is_drawing() ? 1 : 0;
@@ -308,7 +308,7 @@ TEST_F(ExactAtRest, HasTheLightOfFewerSamples) {
   build(mesh_, path("m.svol"));
   const auto player = value_of(Player::open(path("m.svol"), std::nullopt, {.device = Device::cpu}));
   const auto light = [&](int spacing) {
-    EXPECT_EQ(message_of(player->draw_exact({}, spacing)), "");
+    EXPECT_EQ(message_of(player->draw(Recipe::of_cells(spacing))), "");
     dvec3 sum(0);
     for (const vec4& pixel : value_of(player->image()).pixels) sum += dvec3(pixel);
     return sum.x + sum.y + sum.z;

@@ -331,7 +331,7 @@ TEST_F(SessionAtRest, SlicesMove) {
   do draw(*session, 0);
   while (session->is_drawing());
   const Image moving = session->image().value();
-  const int spacing = session->shown_recipe().rung.sample_spacing;
+  const int spacing = session->shown_recipe().recipe.sample_spacing;
   EXPECT_EQ(moving.width, (200 + spacing - 1) / spacing);
   EXPECT_EQ(session->view().width, 200);
   const Image at_rest = settled(*session);
