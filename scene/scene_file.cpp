@@ -456,6 +456,34 @@ nlohmann::ordered_json json_of(const SceneContour& contour) {
   return document;
 }
 
+nlohmann::ordered_json json_of(const SceneSurface& surface) {
+  nlohmann::ordered_json document = {surface.boundary.empty()
+                                         ? nlohmann::ordered_json::array({"file", surface.file})
+                                         : nlohmann::ordered_json::array({"boundary", surface.boundary}),
+                                     {"color", json_of(surface.color)},
+                                     {"opacity", surface.opacity},
+                                     {"shown", surface.shown},
+                                     {"edges", surface.edges}};
+  if (surface.color_by) document["color_by"] = json_of(*surface.color_by);
+  return document;
+}
+
+nlohmann::ordered_json json_of(const SceneSlice& slice) {
+  return {{"point", json_of(slice.point)},
+          {"normal", json_of(slice.normal)},
+          {"opacity", slice.opacity},
+          {"shown", slice.shown}};
+}
+
+nlohmann::ordered_json json_of(const SceneClipPlane& plane) {
+  return {{"point", json_of(plane.point)}, {"normal", json_of(plane.normal)}, {"active", plane.active}};
+}
+
+void add_densities(const TransferFunction& function, nlohmann::ordered_json& document) {
+  for (const auto& [t, extinction] : function.densities) document["density"].push_back({t, extinction});
+  if (function.density_factor != 1) document["density_factor"] = function.density_factor;
+}
+
 void add_quality(const Quality& quality, nlohmann::ordered_json& document) {
   if (quality.exact) document["exact"] = true;
   if (quality.max_error) document["max_error"] = *quality.max_error;
@@ -518,8 +546,7 @@ std::string to_json(const UsedScene& used, int indent) {
   nlohmann::ordered_json& function = document["transfer_function"];
   add_domain(scene.transfer_function, function);
   add_colors(scene.transfer_function, function);
-  for (const auto& [t, extinction] : scene.transfer_function.densities) function["density"].push_back({t, extinction});
-  if (const double factor = scene.transfer_function.density_factor; factor != 1) function["density_factor"] = factor;
+  add_densities(scene.transfer_function, function);
   if (scene.opacity) {
     nlohmann::ordered_json& opacity = document["opacity"];
     opacity["attribute"] = scene.opacity->attribute;
@@ -534,25 +561,10 @@ std::string to_json(const UsedScene& used, int indent) {
     document["scalar_bar"] = {{"ticks", scene.scalar_bar.ticks}, {"unit", scene.scalar_bar.unit}};
   if (scene.clip_box)
     document["clip_box"] = {{"low", json_of(scene.clip_box->low)}, {"high", json_of(scene.clip_box->high)}};
-  for (const SceneSurface& surface : scene.surfaces) {
-    document["surfaces"].push_back({surface.boundary.empty()
-                                        ? nlohmann::ordered_json::array({"file", surface.file})
-                                        : nlohmann::ordered_json::array({"boundary", surface.boundary}),
-                                    {"color", json_of(surface.color)},
-                                    {"opacity", surface.opacity},
-                                    {"shown", surface.shown},
-                                    {"edges", surface.edges}});
-    if (surface.color_by) document["surfaces"].back()["color_by"] = json_of(*surface.color_by);
-  }
+  for (const SceneSurface& surface : scene.surfaces) document["surfaces"].push_back(json_of(surface));
   for (const SceneContour& contour : scene.contours) document["contours"].push_back(json_of(contour));
-  for (const SceneSlice& slice : scene.slices)
-    document["slices"].push_back({{"point", json_of(slice.point)},
-                                  {"normal", json_of(slice.normal)},
-                                  {"opacity", slice.opacity},
-                                  {"shown", slice.shown}});
-  for (const SceneClipPlane& plane : scene.clip_planes)
-    document["clip_planes"].push_back(
-        {{"point", json_of(plane.point)}, {"normal", json_of(plane.normal)}, {"active", plane.active}});
+  for (const SceneSlice& slice : scene.slices) document["slices"].push_back(json_of(slice));
+  for (const SceneClipPlane& plane : scene.clip_planes) document["clip_planes"].push_back(json_of(plane));
   return text_of(document, indent);
 }
 

@@ -106,13 +106,8 @@ TEST(PackedCells, OfOtherLengthsAreRefused) {
   const PackedCells packed = pack_cells(chunk_of(corners), 5);
   Bytes payload = value_of(unpack(packed.bytes, packed.entry.unpacked_bytes, "cells"));
   const auto message = [&](const Bytes& changed, std::uint32_t cells) {
-    CellChunkEntry entry = packed.entry;
-    const Bytes bytes = pack(changed);
-    entry.hash = hash_bytes(bytes);
-    entry.packed_bytes = static_cast<std::uint32_t>(bytes.size());
-    entry.unpacked_bytes = static_cast<std::uint32_t>(changed.size());
-    entry.cells = cells;
-    return test::message_of(unpack_cells(entry, bytes, 1000, 0, "cells"));
+    const PackedCells with = repacked(packed, changed, cells);
+    return test::message_of(unpack_cells(with.entry, with.bytes, 1000, 0, "cells"));
   };
   EXPECT_EQ(message(payload, 2), "");
   for (const std::uint32_t cells : {1u, 3u, 65536u}) EXPECT_THAT(message(payload, cells), HasSubstr("[R24]"));
