@@ -92,6 +92,7 @@ void print_text(const Integrals& integrals, const std::string& name) {
   for (const Integral& of : integrals.attributes)
     if (of.missing_volume > 0)
       print_out("{:<24} has no value in a volume of {:.10g}, which is left out\n", of.name, of.missing_volume);
+  if (!(integrals.volume > 0)) print_out("no part of a cell is in the region\n");
   if (integrals.unknown_volume > 0)
     print_out("left out: a volume of {:.10g} where an attribute of --range has no value\n", integrals.unknown_volume);
   if (integrals.left_out > 0)
