@@ -56,6 +56,15 @@ Result<IntegralRequest> request_of(const IntegralOptions& options, const std::ve
   return request;
 }
 
+Result<Integrals> integrate(const format::Volume& volume, const IntegralOptions& options,
+                            const std::vector<std::string>& attributes) {
+  SPLATVOL_TRY_ASSIGN(memory, memory_or_quarter(options.memory));
+  SPLATVOL_TRY_ASSIGN(request, request_of(options, attributes));
+  ProgressBar bar("integrating");
+  return integrate_cells(volume, request, memory, std::max(1u, std::thread::hardware_concurrency()),
+                         [&](double fraction) { bar.update(fraction); });
+}
+
 json to_json(const Integrals& integrals, const std::string& name) {
   const auto list_of = [](const dvec3& p) { return json{p.x, p.y, p.z}; };
   json attributes = json::array();
@@ -141,12 +150,7 @@ void check_integral_options(const IntegralOptions& options) {
 
 Status print_integrals(const format::Volume& volume, const IntegralOptions& options,
                        const std::vector<std::string>& attributes, bool as_json) {
-  SPLATVOL_TRY_ASSIGN(memory, memory_or_quarter(options.memory));
-  SPLATVOL_TRY_ASSIGN(request, request_of(options, attributes));
-  ProgressBar bar("integrating");
-  SPLATVOL_TRY_ASSIGN(integrals,
-                      integrate_cells(volume, request, memory, std::max(1u, std::thread::hardware_concurrency()),
-                                      [&](double fraction) { bar.update(fraction); }));
+  SPLATVOL_TRY_ASSIGN(integrals, integrate(volume, options, attributes));
   if (as_json)
     fmt::print("{}\n", json_text(to_json(integrals, volume.name()), 1));
   else
