@@ -8,8 +8,8 @@
 
 namespace splatvol {
 
-/// Whether cells or splats are drawn where neither is asked for: returns the distance of samples with which cells are
-/// little enough work, the finest that is (Choices::most_segments). 0: splats. Contours are cells, whatever the work.
+/// Says whether cells or splats are drawn where nobody asks for one of them. Returns the finest distance of samples
+/// with which cells have at most Choices::most_segments; 0: splats are drawn. Contours are cells, whatever the work.
 [[nodiscard]] int spacing_of_cells(const Choices& choices);
 
 /// Returns the quality of splats for which nothing is asked: all points of a file of few points, else the default

@@ -16,6 +16,7 @@
 #include "renderer/depth_pyramid.h"
 #include "renderer/slice_values.h"
 #include "scene/scene_change.h"
+#include "scene/shells.h"
 #include "streamer/cells/file_cells.h"
 #include "streamer/splats/domain.h"
 
@@ -26,8 +27,15 @@ namespace {
 // surfaces are compared with each of its pixels.
 constexpr std::uint64_t least_among_surfaces = std::uint64_t{1} << 15;
 
-// Expected of splats where the scene shows contours: they have none.
-constexpr double error_without_contours = 0.05;
+// Expected of splats where shells stand for contours.
+constexpr double error_of_shells = 0.05;
+
+// Splats have no contours: shells stand for them.
+Result<Scene> scene_of_splats(const Scene& scene, const Streamer& streamer) {
+  if (contours_of(scene).surfaces.empty()) return scene;
+  SPLATVOL_TRY_ASSIGN(domain, domain_of(streamer.volume()));
+  return with_shells(scene, glm::length(domain.extent()));
+}
 
 Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& streamer) {
   const Status set = rasterizer.set_transfer_function(transfer_of(scene), streamer.units());
@@ -214,8 +222,12 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
   }
   Rasterizer& rasterizer = other ? *other : *rasterizer_;
   const SceneChange change = change_between(scene_, scene);
-  if (streamer || change.look || change.data)
-    SPLATVOL_TRY(set_function(rasterizer, scene, streamer ? *streamer : *streamer_));
+  if (streamer || change.look || change.parts || change.data) {
+    const Streamer& used = streamer ? *streamer : *streamer_;
+    SPLATVOL_TRY_ASSIGN(of_splats, scene_of_splats(scene, used));
+    SPLATVOL_TRY(set_function(rasterizer, of_splats, used));
+    function_of_splats_ = std::move(of_splats.transfer_function);
+  }
   rasterizer.set_lighting(scene.lighting);
   const bool streamer_is_new = streamer != nullptr;
   if (streamer) {
@@ -268,7 +280,9 @@ Status Player::show_step(std::size_t step) {
     return changed;
   }
   step_ = step;
-  return set_function(*rasterizer_, scene_, *streamer_);
+  SPLATVOL_TRY_ASSIGN(of_splats, scene_of_splats(scene_, *streamer_));
+  function_of_splats_ = of_splats.transfer_function;
+  return set_function(*rasterizer_, of_splats, *streamer_);
 }
 
 // If a file cannot be opened, all stays as it was. If the streamer cannot change, the step is lost.
@@ -349,8 +363,9 @@ Status Player::choose(const Detail& asked, std::optional<double> wait_seconds) {
   if (detail.device_splats == 0)
     return fail(ErrorCode::out_of_budget, "{} bytes of GPU memory are too few for a picture of {} x {} pixels",
                 options_.gpu_memory, scene_.width, scene_.height);
-  auto chosen = wait_seconds ? streamer_->advance(view_now(), transfer_of(scene_), detail, *wait_seconds)
-                             : streamer_->request(view_now(), transfer_of(scene_), detail);
+  const Transfer transfer(function_of_splats_, scene_.opacity ? &scene_.opacity->function : nullptr);
+  auto chosen = wait_seconds ? streamer_->advance(view_now(), transfer, detail, *wait_seconds)
+                             : streamer_->request(view_now(), transfer, detail);
   SPLATVOL_TRY(call.check());
   if (!chosen) return tl::unexpected(chosen.error());
   frame_ = *chosen;
@@ -374,7 +389,6 @@ Status Player::set_draw_list() {
 Status Player::draw_chosen(int sample_spacing) {
   if (!frame_) return fail(ErrorCode::invalid_argument, "{}: no splats are chosen to be drawn", steps_.name());
   asked_.sample_spacing = sample_spacing;
-  if (shows_contours()) return fail_without_contours();
   const auto start = Clock::now();
   const double chosen_in = times_.frame;
   exact_.reset();
@@ -390,18 +404,6 @@ Status Player::draw_chosen(int sample_spacing) {
   times_.draw = times;
   times_.frame = chosen_in + seconds_since(start);
   return {};
-}
-
-// Nothing that the scene shows is missing in silence.
-Status Player::fail_without_contours() const {
-  if (has_cells())
-    return fail(ErrorCode::invalid_argument,
-                "{}: splats have no contours: draw it exactly, with no option for splats, OpenGL or frames on the way",
-                steps_.name());
-  return fail(ErrorCode::invalid_argument,
-              "{}: it keeps no cells, and only these have contours: build it from a mesh, or from points by "
-              "--connectivity delaunay, without --drop-cells, or show an isovalue",
-              steps_.name());
 }
 
 Result<FrameTimes> Player::draw_volume(const View& view) {
@@ -610,10 +612,7 @@ Result<Outcome> Player::draw_steadily(const Recipe& recipe) {
 Result<bool> Player::draw_next(Chooser& chooser) {
   const Call call(*this);
   Chooser::Needs needs = chooser.needs();
-  if (needs.cells != Chooser::Cells::none && !may_draw_cells()) {
-    if (shows_contours()) return tl::unexpected(fail_without_contours().error());
-    needs.cells = Chooser::Cells::none;
-  }
+  if (!may_draw_cells()) needs.cells = Chooser::Cells::none;
   SPLATVOL_TRY_ASSIGN(choices, this->choices(needs));
   const bool will_hold = choices.cells && cells_.may_be_held(scene_) &&
                          (needs.cells == Chooser::Cells::all || !streamer_->volume().is_far());
@@ -697,19 +696,20 @@ Result<Choices> Player::choices(const Chooser::Needs& needs) {
                   .pixels = static_cast<double>(scene_.width) * scene_.height,
                   .surfaces_seconds = has_layers() ? times_.surfaces : 0,
                   .direction = view_.forward};
-  if (shows_contours())
-    choices.has_splats = false, choices.added_error = error_without_contours;
+  const bool has_contours = shows_contours();
+  if (has_contours)
+    choices.added_error = error_of_shells;
   else
     choices.most_segments = most_exact_segments;
   const bool may_read = needs.cells == Chooser::Cells::all || !streamer_->volume().is_far() || holds_cells();
-  if (needs.cells == Chooser::Cells::none || (!may_read && choices.has_splats)) return choices;
+  if (needs.cells == Chooser::Cells::none || (!may_read && !has_contours)) return choices;
   SPLATVOL_TRY_ASSIGN(cells, open_cells());
   const auto unread = static_cast<double>(cells->unread_tetrahedra());
-  if (unread > needs.most_unread) return choices;
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (estimate.unknown_cells > 0 && choices.has_splats) return choices;
+  if (estimate.unknown_cells > 0 && !has_contours) return choices;
   choices.cells = estimate.counts();
   choices.cells->unread = unread;
+  choices.has_splats = !has_contours;  // where cells can be drawn, contours are no shells
   return choices;
 }
 

@@ -187,8 +187,8 @@ class Player {
   /// waits for all, and fails if one cannot be read.
   [[nodiscard]] Status choose(const Detail& detail, std::optional<double> wait_seconds = std::nullopt);
 
-  /// Draws the chosen splats. If the device has no room for them, chooses fewer. Fails if the scene shows contours:
-  /// splats have none. `sample_spacing`: as Recipe has it.
+  /// Draws the chosen splats. If the device has no room for them, chooses fewer. Splats have no contours: shells of the
+  /// volume stand for them (with_shells). `sample_spacing`: as Recipe has it.
   [[nodiscard]] Status draw_chosen(int sample_spacing = 0);
 
   /// Draws a picture of splats, as `choose` and `draw_chosen`, or the exact one of cells. Cells are drawn on the
@@ -239,7 +239,10 @@ class Player {
   /// has. Fails if it keeps no cells.
   [[nodiscard]] Result<ExactPicture> estimate_exact();
 
-  /// Whether the scene shows contours: only exact pictures have them.
+  /// Whether shells stand for contours in the last picture.
+  [[nodiscard]] bool shows_shells() const { return shows_contours() && !exact_; }
+
+  /// Whether the scene shows contours: only cells have them.
   [[nodiscard]] bool shows_contours() const { return !contours_of(scene_).surfaces.empty(); }
 
   /// Whether the file keeps cells.
@@ -347,7 +350,6 @@ class Player {
   [[nodiscard]] bool shows_surfaces() const;
   // Whether something opaque or translucent stands among the splats: it needs a sample in each pixel.
   [[nodiscard]] bool has_layers() const { return shows_surfaces() || surfaces_.depths; }
-  [[nodiscard]] Status fail_without_contours() const;
   [[nodiscard]] tl::unexpected<Error> fail_lost() const;
   [[nodiscard]] std::vector<SlicePicture> draw_slices(const View& view) const;
 
@@ -358,6 +360,7 @@ class Player {
   std::unique_ptr<VolumeAhead> ahead_;  // of a series of files
   PlayerOptions options_;
   Scene scene_;
+  TransferFunction function_of_splats_;  // the scene's, with shells in place of contours
   View view_;
   std::uint64_t revision_ = 0;  // of what pictures show
   bool is_lost_ = false;        // the streamer has no step; only to be opened again

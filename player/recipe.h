@@ -86,10 +86,9 @@ class Chooser {
 
   /// What it must be told.
   struct Needs {
-    Cells cells = Cells::none;                                     // Choices::cells
-    double most_unread = std::numeric_limits<double>::infinity();  // tetrahedra; if more are to be read, none are drawn
-    int widest_spacing = 1;                                        // as Choices has it
-    bool picture = false;                                          // Outcome::picture
+    Cells cells = Cells::none;           // Choices::cells
+    int widest_spacing = 1;              // as Choices has it
+    bool picture = false;                // Outcome::picture
     std::optional<double> seconds = {};  // parts of the file that come later are not waited for; none: all are
     bool steady_time = false;            // Outcome::seconds of a picture for which nothing is read
   };

@@ -3,24 +3,20 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <bit>
 #include <cctype>
 #include <cmath>
 #include <filesystem>
 #include <limits>
 #include <utility>
 
-#include "base/interruption.h"
-#include "format/mesh_box.h"
 #include "pictures/contrast.h"
 #include "player/camera_control.h"
 #include "player/choice.h"
-#include "renderer/cpu/srgb_bytes.h"
 #include "scene/scene_change.h"
 #include "streamer/first/explain.h"
-#include "streamer/splats/domain.h"
 
 namespace splatvol {
+
 Result<std::unique_ptr<Session>> Session::open(const std::string& path, const std::string& scene_path,
                                                const ViewSettings& settings, SessionHost& host) {
   SPLATVOL_TRY_ASSIGN(file, read(SceneUse{.file = path}, scene_path, settings));

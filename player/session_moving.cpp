@@ -9,7 +9,6 @@
 #include "player/session.h"
 #include "renderer/cpu/srgb_bytes.h"
 #include "renderer/cpu/wide_samples.h"
-#include "scene/isovalue.h"
 
 namespace splatvol {
 

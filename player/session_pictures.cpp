@@ -4,7 +4,6 @@
 
 #include "player/choice.h"
 #include "player/session.h"
-#include "scene/isovalue.h"
 
 namespace splatvol {
 namespace {
@@ -84,8 +83,8 @@ Result<Choices> Session::choices_for(bool moves) const {
   Chooser::Needs needs = moves ? movement_.control.needs() : rest_.refinement->needs();
   const bool has_contours = player_->shows_contours();
   const bool must_read = player_->streamer().volume().is_far() && !player_->holds_cells();  // most of the work
-  if (moves && (first_exact_spacing() == 0 || cells_fail_ || must_read)) needs.cells = Chooser::Cells::none;
-  if (moves) needs.most_unread = 1e9 * used_.settings.moving.seconds / nanoseconds::of_unread_tetrahedron;
+  if (moves && (first_exact_spacing() == 0 || cells_fail_ || !player_->holds_cells()))
+    needs.cells = Chooser::Cells::none;
   SPLATVOL_TRY_ASSIGN(choices, player_->choices(needs));
   if (!has_contours) choices.most_segments = most_segments();
   choices.finest_spacing = finest_spacing();
@@ -122,10 +121,8 @@ Status Session::draw_picture(double seconds) {
   return {};
 }
 
-// Contours are shells then. The picture of the step before stays until there is one that is as fine.
+// The picture of the step before stays until there is one that is as fine.
 Status Session::draw_splats(const Recipe& recipe, double seconds) {
-  if (player_->shows_contours())
-    SPLATVOL_TRY(player_->set_scene(with_shells(player_->scene(), glm::length(data_.bounds.extent()))));
   SPLATVOL_TRY(player_->choose(*recipe.splats, awaited_.is_awaited ? step_wait_seconds : 0));
   awaited_.seconds += seconds;
   awaited_.is_awaited_after =

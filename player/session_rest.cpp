@@ -36,7 +36,7 @@ void Session::begin_rest(bool with_cells) {
   if (settings.hurries && frame()) start.first_splats = std::bit_ceil(std::max(frame()->splats, least_first_splats));
   if (with_cells) start.first_spacing = first_exact_spacing();
   if (player_->shows_contours() && !player_->has_cells())
-    tell_of_splats(source_.path + ": it keeps no cells, and only these have contours");
+    troubles_.add_once(source_.path + ": it keeps no cells, and only these have contours: shells stand for them");
   else if (settings.quality.exact && !player_->has_cells())
     tell_of_splats(source_.path + ": it keeps no cells");
   rest_.is_to_make_ready = can_draw_aside() && (start.first_spacing > 0 || movement_.last);

@@ -7,7 +7,6 @@
 namespace splatvol {
 
 Status check_contours(const std::vector<SceneContour>& contours) {
-  constexpr std::size_t most = 256;  // each value costs time in every cell
   std::vector<double> values;
   const SceneColoring* coloring = nullptr;
   for (const SceneContour& contour : contours) {
@@ -17,8 +16,9 @@ Status check_contours(const std::vector<SceneContour>& contours) {
       return fail(ErrorCode::invalid_data, "contours: two differ in color_by; give all the same");
     coloring = &*contour.color_by;
   }
-  if (values.size() > most)
-    return fail(ErrorCode::invalid_data, "contours: {} values; at most {} are drawn", values.size(), most);
+  if (values.size() > most_contour_values)
+    return fail(ErrorCode::invalid_data, "contours: {} values; at most {} are drawn", values.size(),
+                most_contour_values);
   if (!std::ranges::all_of(values, [](double value) { return std::isfinite(value); }))
     return fail(ErrorCode::invalid_data, "contours: a value is not finite");
   std::ranges::sort(values);

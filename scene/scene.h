@@ -72,6 +72,9 @@ struct Contours {
   [[nodiscard]] bool operator==(const Contours&) const = default;
 };
 
+/// The most values of a scene's contours: each costs time in every cell.
+inline constexpr std::size_t most_contour_values = 256;
+
 /// Fails if contours have too many values, equal ones, one that is not finite, or differ in what colours them.
 [[nodiscard]] Status check_contours(const std::vector<SceneContour>& contours);
 

@@ -8,7 +8,6 @@
 
 #include "base/file.h"
 #include "base/json.h"
-#include "scene/isovalue.h"
 #include "scene/scene.h"
 
 namespace splatvol {
@@ -135,8 +134,9 @@ Status read_axis(const JsonField& field, const JsonField& domain, TransferFuncti
   return {};
 }
 
-/// Reads the peak that takes the density's place. The domain and the axis have been read.
-Result<Isovalue> read_isovalue(const JsonField& field, const TransferFunction& function) {
+// Reads a peak of the density. It falls linearly to 0 on both sides, and is `width` wide in values. A side that reaches
+// out of the domain ends there. The domain and the axis have been read.
+Result<std::vector<TransferFunction::Density>> read_isovalue(const JsonField& field, const TransferFunction& function) {
   SPLATVOL_TRY(field.check_names({"value", "width", "density"}));
   SPLATVOL_TRY_ASSIGN(value, number(field.member("value")));
   if (value < function.lo || value > function.hi)
@@ -145,7 +145,10 @@ Result<Isovalue> read_isovalue(const JsonField& field, const TransferFunction& f
   SPLATVOL_TRY_ASSIGN(width, positive(field.member("width")));
   SPLATVOL_TRY_ASSIGN(density, number(field.member("density")));
   if (density < 0) return field.member("density").wrong("{} is negative", density);
-  return Isovalue{value, width, density};
+  const auto t_of = [&](double at) { return std::clamp(function.t_of(at), 0.0, 1.0); };
+  const double t = t_of(value);
+  const double low = std::min(t_of(value - 0.5 * width), t), high = std::max(t_of(value + 0.5 * width), t);
+  return std::vector<TransferFunction::Density>{{0, 0}, {low, 0}, {t, density}, {high, 0}, {1, 0}};
 }
 
 Status read_domain(const JsonField& field, TransferFunction& function) {
@@ -173,8 +176,7 @@ Result<TransferFunction> read_transfer_function(const JsonField& field) {
   SPLATVOL_TRY_SET(function.colors, read_colors(field.member("colors")));
   if (field.has("isovalue")) {
     if (field.has("density")) return field.wrong("both density and isovalue; leave one of them out");
-    SPLATVOL_TRY_ASSIGN(isovalue, read_isovalue(field.member("isovalue"), function));
-    function.densities = densities_of(function, isovalue);
+    SPLATVOL_TRY_SET(function.densities, read_isovalue(field.member("isovalue"), function));
     return function;
   }
   SPLATVOL_TRY_ASSIGN(densities, read_curve(field.member("density"), 1));
@@ -513,13 +515,7 @@ std::string to_json(const UsedScene& used, int indent) {
   nlohmann::ordered_json& function = document["transfer_function"];
   add_domain(scene.transfer_function, function);
   add_colors(scene.transfer_function, function);
-  // By its name only if it comes back to the last bit.
-  const auto isovalue = isovalue_of(scene.transfer_function);
-  if (isovalue && densities_of(scene.transfer_function, *isovalue) == scene.transfer_function.densities)
-    function["isovalue"] = {{"value", isovalue->value}, {"width", isovalue->width}, {"density", isovalue->density}};
-  else
-    for (const auto& [t, extinction] : scene.transfer_function.densities)
-      function["density"].push_back({t, extinction});
+  for (const auto& [t, extinction] : scene.transfer_function.densities) function["density"].push_back({t, extinction});
   if (const double factor = scene.transfer_function.density_factor; factor != 1) function["density_factor"] = factor;
   if (scene.opacity) {
     nlohmann::ordered_json& opacity = document["opacity"];

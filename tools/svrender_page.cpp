@@ -19,11 +19,6 @@ void set_bar(const RenderOptions& options, Scene& scene) {
   if (options.unit) scene.scalar_bar.unit = *options.unit;
 }
 
-// Adds what the options show besides the scene. All data are about as large as their cube.
-Status add_planes(const RenderOptions& options, const format::Volume& volume, Scene& scene) {
-  return apply(options.planes, std::sqrt(3.0) * volume.info().cube.edge, scene);
-}
-
 Result<Scene> make_scene(const RenderOptions& options, const format::Volume& volume, std::array<int, 2> size) {
   FirstPicture picture{size[0], size[1], dvec3(0), options.turntable > 0};
   if (!options.background.empty()) {
@@ -35,7 +30,7 @@ Result<Scene> make_scene(const RenderOptions& options, const format::Volume& vol
     show_opacity(scene, std::move(opacity));
   }
   set_bar(options, scene);
-  SPLATVOL_TRY(add_planes(options, volume, scene));
+  SPLATVOL_TRY(apply(options.planes, scene));
   return scene;
 }
 
@@ -130,7 +125,7 @@ Result<Composition> compose(const RenderOptions& options, const format::Steps& s
   if (options.scene.empty()) {
     SPLATVOL_TRY(fit_scene(options, *volume, composition));
   } else {
-    if (options.planes.are_given()) SPLATVOL_TRY(add_planes(options, *volume, composition.scene));
+    if (options.planes.are_given()) SPLATVOL_TRY(apply(options.planes, composition.scene));
     if (options.scalar_bar) {
       SPLATVOL_TRY(add_bar(*volume, composition));
     }

@@ -1,4 +1,4 @@
-// Slices, clip planes and the isovalue: their part of the panel, and handles in the picture that move and turn planes.
+// Slices and clip planes: their part of the panel, and handles in the picture that move and turn them.
 #pragma once
 
 #include <cstddef>
@@ -21,9 +21,6 @@ class SliceControls {
   /// the axis that is nearest to the line of sight.
   void add_slice(Scene& scene, const View& view, const Box& bounds);
 
-  /// Draws the switch and the sliders of the isovalue. `fitting`: the function that is shown when it is switched off.
-  void draw_isovalue(Scene& scene, const TransferFunction& fitting, const Box& bounds);
-
   /// Draws the selected plane's outline and handles over the picture. `pointer`: in the window.
   void draw_handles(const Scene& scene, const View& view, const Box& bounds, const PictureArea& area,
                     const dvec2& pointer) const;
@@ -38,7 +35,7 @@ class SliceControls {
   [[nodiscard]] bool is_held() const { return held_.has_value(); }
 
   /// Selects no plane: for another scene.
-  void reset() { selected_.reset(), held_.reset(), before_.reset(); }
+  void reset() { selected_.reset(), held_.reset(); }
 
  private:
   // A slice or a clip plane of the scene, by its number.
@@ -64,7 +61,6 @@ class SliceControls {
 
   std::optional<Selection> selected_;
   std::optional<Handle> held_;
-  std::optional<std::vector<TransferFunction::Density>> before_;  // the densities before the isovalue
 };
 
 }  // namespace splatvol

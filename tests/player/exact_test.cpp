@@ -322,19 +322,15 @@ TEST_F(ExactPictures, AreDrawnWhereThereIsMuchTime) {
   EXPECT_FALSE(is_exact(true, {.sort = SortMode::axis}));
 }
 
-// Reading is work. More of it than a chooser allows is not offered.
+// Reading is work.
 TEST_F(ExactPictures, CountWhatIsNotRead) {
   test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto player = open("m.svol");
-  const auto unread = [&](double most_unread) -> std::optional<double> {
-    const auto choices = test::value_of(player->choices({.cells = Chooser::Cells::near, .most_unread = most_unread}));
-    return choices.cells ? std::optional(choices.cells->unread) : std::nullopt;
-  };
-  EXPECT_EQ(unread(0), std::nullopt);
-  const auto before = unread(1e9);
+  const auto unread = [&] { return test::value_of(player->choices({.cells = Chooser::Cells::near})).cells->unread; };
+  const double before = unread();
   EXPECT_EQ(before, static_cast<double>(test::value_of(player->estimate_exact()).tetrahedra));
   EXPECT_EQ(test::message_of(player->hold_cells()), "");
-  EXPECT_EQ(unread(0), 0);
+  EXPECT_EQ(unread(), 0);
 }
 
 // A segment with many pieces is more work, so that less of it is drawn where nobody asks.
@@ -374,26 +370,34 @@ TEST_F(ExactPictures, HaveTheSlicesOfTheMesh) {
   EXPECT_LE(rmse(picture, composite.finish()), 1e-5);
 }
 
+// Shells of the volume stand for contours where there are no cells, or splats are asked for.
 TEST_F(ExactPictures, AloneHaveContours) {
   test::build_mesh(mesh_, test::waves, path("plain.svol"), {.keep_cells = false});
-  Scene with = scene();
-  with.contours = {{.values = {0.5}}};
-  const auto plain = open("plain.svol");
-  ASSERT_EQ(test::message_of(plain->set_scene(with)), "");
-  EXPECT_THAT(test::message_of(plain->draw({Detail()})),
-              HasSubstr("plain.svol: it keeps no cells, and only these have"));
-
   test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
-  const auto player = open("m.svol");
-  ASSERT_EQ(test::message_of(player->set_scene(with)), "");
-  EXPECT_THAT(test::message_of(player->draw({Detail()})),
-              HasSubstr("m.svol: splats have no contours: draw it exactly"));
+  Scene with = scene();
+  with.transfer_function.densities = {{0, 0}, {1, 0}};
+  const auto coverage = [&](const std::string& file, const Quality& quality) {
+    const auto player = open(file);
+    EXPECT_EQ(test::message_of(player->set_scene(with)), "");
+    EXPECT_EQ(test::message_of(player->draw_picture(quality)), "");
+    EXPECT_EQ(player->shows_shells(), !with.contours.empty() && !player->exact());
+    const Image image = test::value_of(player->image());
+    return static_cast<double>(std::ranges::count_if(image.pixels, [](const vec4& pixel) { return pixel.a > 0.5F; })) /
+           static_cast<double>(image.pixels.size());
+  };
+  EXPECT_EQ(coverage("plain.svol", {}), 0);
+  with.contours = {{.values = {0.5}}};
+  const double exact_share = coverage("m.svol", {});
+  EXPECT_GT(exact_share, 0.01);
+  for (const Quality& quality : {Quality(), Quality{.tolerance_percent = 0}, Quality{.milliseconds = 1e6}}) {
+    EXPECT_LT(std::abs(std::log(coverage("plain.svol", quality) / exact_share)), std::log(2.0));
+  }
+  EXPECT_EQ(coverage("m.svol", {.tolerance_percent = 0}), coverage("plain.svol", {.tolerance_percent = 0}));
 }
 
 // Whatever the time: then samples are apart.
 TEST_F(ExactPictures, OfContoursInATime) {
   test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
-  test::build_mesh(mesh_, test::waves, path("plain.svol"), {.keep_cells = false});
   Scene with = scene();
   with.contours = {{.values = {0.5}, .color = dvec3(1, 0, 0)}};
   with.transfer_function.densities = {{0, 0}};
@@ -422,9 +426,6 @@ TEST_F(ExactPictures, OfContoursInATime) {
   ASSERT_EQ(test::message_of(player->draw_all(in_any_time)), "");
   EXPECT_EQ(in_any_time.drawn().back(), Recipe::of_cells(1));
   EXPECT_EQ(test::value_of(player->image()).pixels, exact_picture.pixels);
-  const auto plain = of_file("plain.svol");
-  EXPECT_THAT(test::message_of(plain->draw_all(in_any_time)),
-              HasSubstr("plain.svol: it keeps no cells, and only these have"));
 }
 
 // Rays end at surfaces, and cross slices.

@@ -1,7 +1,6 @@
-// Slices, clip planes and the isovalue in the viewer, by events.
+// Slices and clip planes in the viewer, by events.
 #include <gtest/gtest.h>
 
-#include "scene/isovalue.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/viewer/viewer_fixture.h"
 #include "viewer/probe.h"
