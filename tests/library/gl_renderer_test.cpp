@@ -121,21 +121,6 @@ class HostObjects {
   Buffer buffer_{"a host's buffer"};
 };
 
-constexpr std::array capabilities = {GL_CULL_FACE,
-                                     GL_DEPTH_TEST,
-                                     GL_STENCIL_TEST,
-                                     GL_COLOR_LOGIC_OP,
-                                     GL_CLIP_DISTANCE0,
-                                     GL_RASTERIZER_DISCARD,
-                                     GL_PRIMITIVE_RESTART,
-                                     GL_PRIMITIVE_RESTART_FIXED_INDEX,
-                                     GL_SAMPLE_MASK,
-                                     GL_SAMPLE_ALPHA_TO_COVERAGE,
-                                     GL_DITHER,
-                                     GL_MULTISAMPLE,
-                                     GL_FRAMEBUFFER_SRGB,
-                                     GL_DEPTH_CLAMP,
-                                     GL_POLYGON_SMOOTH};
 constexpr std::array state_names = {GL_DEPTH_FUNC,
                                     GL_DEPTH_WRITEMASK,
                                     GL_CULL_FACE_MODE,
@@ -179,7 +164,11 @@ std::vector<GLint64> snapshot() {
     glGetInteger64i_v(name, index, values.data());
     all.insert(all.end(), values.begin(), values.begin() + count);
   };
-  for (const GLenum capability : capabilities) all.push_back(glIsEnabled(capability));
+  for (const GLenum capability :
+       {GL_CULL_FACE, GL_DEPTH_TEST, GL_STENCIL_TEST, GL_COLOR_LOGIC_OP, GL_CLIP_DISTANCE0, GL_RASTERIZER_DISCARD,
+        GL_PRIMITIVE_RESTART, GL_PRIMITIVE_RESTART_FIXED_INDEX, GL_SAMPLE_MASK, GL_SAMPLE_ALPHA_TO_COVERAGE, GL_DITHER,
+        GL_MULTISAMPLE, GL_FRAMEBUFFER_SRGB, GL_DEPTH_CLAMP, GL_POLYGON_SMOOTH})
+    all.push_back(glIsEnabled(capability));
   for (GLuint i = 0; i < 4; ++i) {
     all.push_back(glIsEnabledi(GL_BLEND, i));
     all.push_back(glIsEnabledi(GL_SCISSOR_TEST, i));
