@@ -3,6 +3,7 @@
 import http.server
 import os
 import re
+import signal
 import threading
 import time
 
@@ -16,9 +17,13 @@ class Handler(http.server.BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     data = b""
     delay = 0.0
+    asked: threading.Event    # a request came
+    answers: threading.Event  # before it is set, no request has an answer
 
     def do_GET(self):
         time.sleep(self.delay)
+        self.asked.set()
+        self.answers.wait()
         asked = re.match(r"bytes=(\d+)-(\d*)", self.headers.get("Range", ""))
         begin = int(asked[1]) if asked else 0
         end = min(int(asked[2]) + 1 if asked and asked[2] else len(self.data), len(self.data))
@@ -47,7 +52,9 @@ def address(large_path):
 
     class Serving(Handler):
         data = large_path.read_bytes()
+        asked, answers = threading.Event(), threading.Event()
 
+    Serving.answers.set()
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Serving)
     server.handler = Serving
     thread = threading.Thread(target=server.serve_forever)
@@ -61,6 +68,7 @@ def address(large_path):
             raise
         pytest.skip(str(error))
     finally:
+        Serving.answers.set()
         server.shutdown()
         server.server_close()
         thread.join()
@@ -88,12 +96,20 @@ def test_points_by_address(address, large_path):
 
 
 def test_ctrl_c_ends_a_wait_for_a_server(address):
-    from test_threads import interrupt
-
     url, serving = address
     file = splatvol.open(url)
-    serving.delay = 60
-    assert interrupt(lambda: file.points()) < 1
+    serving.asked.clear()
+    serving.answers.clear()
+
+    def interrupt():
+        serving.asked.wait()
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt):
+        file.points()  # else it would last until ctest ends it
+    thread.join()
 
 
 def test_an_address_without_a_server():
