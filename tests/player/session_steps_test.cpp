@@ -162,8 +162,11 @@ TEST_F(SessionSteps, AreReadAside) {
     EXPECT_EQ(session->step(), file == index ? 0u : 1u);
     stalls = false;
   }
-  std::filesystem::remove(path("aside-0000.svol"));
-  const auto session = open(index);
+}
+
+TEST_F(SessionSteps, StayWhereAnotherCannotBeRead) {
+  const auto session = open(write_files("lost.svols"));
+  std::filesystem::remove(path("lost-0000.svol"));
   const Image last = settled(*session);
   session->ask_step(0);
   EXPECT_EQ(compare_images(settled(*session), last)->max, 0);

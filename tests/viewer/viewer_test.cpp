@@ -44,6 +44,12 @@ struct ViewerTest : test::ViewerFixture {
     options.clipboard.copy = [&](const std::string& text) { copied = text; };
     open(options);
   }
+  // Presses keys together.
+  void chord(const std::vector<int>& codes) {
+    for (const int code : codes) frame({KeyChanged{code, true}});
+    for (const int code : codes) frame({KeyChanged{code, false}});
+    settle();
+  }
   // Drops a scene, as a file, on the window.
   void drop(const Scene& dropped) { frame({FilesDropped{{write("dropped.json", scene_to_json(dropped))}}}); }
 
@@ -178,11 +184,6 @@ TEST_F(ViewerTest, ClicksWithinAFrameAreNotLost) {
 
 TEST_F(ViewerTest, UndoesAndRedoesWhatChangesTheScene) {
   settle();
-  const auto chord = [&](std::vector<int> codes) {
-    for (const int code : codes) frame({KeyChanged{code, true}});
-    for (const int code : codes) frame({KeyChanged{code, false}});
-    settle();
-  };
   const auto undo = [&] { chord({key::left_control, 'Z'}); };
   const auto redo = [&] { chord({key::right_control, key::right_shift, 'Z'}); };
   std::vector<Scene> scenes = {scene()};
@@ -379,13 +380,14 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
   EXPECT_EQ(scene().width, shown);
 
   const auto save_scene = [&] { click_and_settle(40, 768); };
+  const auto scene_text = [&] {
+    return to_json(
+        {scene(),
+         {.file = "v.svol", .quality = {.max_error = default_max_error}, .drawing = {.kernel = KernelKind::moments}}});
+  };
   save_scene();
   const std::string saved = *read_text_file("v.json");
-  EXPECT_EQ(saved, to_json({scene(),
-                            {.file = "v.svol",
-                             .quality = {.max_error = default_max_error},
-                             .drawing = {.kernel = KernelKind::moments}}}))
-      << "the file is named from the scene's folder on";
+  EXPECT_EQ(saved, scene_text()) << "the file is named from the scene's folder on";
   press('P');
   save_scene();
   press(key::escape);
@@ -393,10 +395,7 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
   EXPECT_EQ(*read_text_file("v.json"), saved);
   save_scene();
   replace();
-  EXPECT_EQ(*read_text_file("v.json"), to_json({scene(),
-                                                {.file = "v.svol",
-                                                 .quality = {.max_error = default_max_error},
-                                                 .drawing = {.kernel = KernelKind::moments}}}));
+  EXPECT_EQ(*read_text_file("v.json"), scene_text());
   EXPECT_NE(*read_text_file("v.json"), saved);
   fs::current_path(present);
 }
