@@ -34,6 +34,9 @@ class SliceControls {
   void release() { held_.reset(); }
   [[nodiscard]] bool is_held() const { return held_.has_value(); }
 
+  /// Returns the selected plane; none: none is selected.
+  [[nodiscard]] std::optional<Plane> plane(const Scene& scene) const;
+
   /// Selects no plane: for another scene.
   void reset() { selected_.reset(), held_.reset(); }
 
@@ -52,7 +55,6 @@ class SliceControls {
     dvec3* normal;
   };
   [[nodiscard]] std::optional<Selected> selected(Scene& scene) const;
-  [[nodiscard]] std::optional<Plane> plane(const Scene& scene) const;
   [[nodiscard]] std::optional<Handle> handle_at(const Scene& scene, const View& view, const PictureArea& area,
                                                 const dvec2& pointer) const;
   bool draw_row(const Selection& which, bool& shown);

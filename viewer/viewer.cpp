@@ -342,6 +342,16 @@ void Viewer::press_key(int code) {
   if (code == 'H') toggle(state_.shown.hud);
   if (code == 'C') toggle(state_.shown.cut);
   if (code == 'X') panel_.planes.add_slice(session->scene, session->view(), session->bounds());
+  if (code == 'N') look_along_plane(*session);
+}
+
+// Looks at the selected plane from the side that is nearer to the eye.
+void Viewer::look_along_plane(Session& session) {
+  const auto plane = panel_.planes.plane(session.scene);
+  if (!plane)
+    return state_.messages.note("Select a slice or a clip plane in the panel, and then look along its normal");
+  const double towards = glm::dot(plane->normal, session.view().forward);
+  Steering::look_from(session, towards > 0 ? -plane->normal : plane->normal);
 }
 
 // Moves on what plays.

@@ -78,6 +78,12 @@ TEST_F(ViewerSlices, HandlesMoveAndTurnTheSliceAndUndoGoesBack) {
   EXPECT_EQ(scene().camera, camera) << "the camera stays";
   EXPECT_GT(compare_images(viewer->session()->image().value(), sliced)->rmse, 0.01);
 
+  // Along its normal, from the nearer side.
+  press('N');
+  settle();
+  EXPECT_LT(glm::length(axes_of(scene().camera).forward + turned.normal), 1e-9);
+  undo();
+
   // Beside the handles a drag turns the camera.
   drag({panel + 60, 700}, {panel + 120, 700});
   EXPECT_NE(scene().camera, camera);

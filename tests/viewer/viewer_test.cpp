@@ -332,6 +332,10 @@ TEST_F(ViewerTest, AnyAxisMayBeUp) {
         EXPECT_LT(glm::length(axes.up - up), 1e-12) << axis;
       EXPECT_NEAR(axes.forward[code - '1'], -1, 1e-12);
     }
+    press('4');
+    const CameraAxes corner = axes_of(scene().camera);
+    EXPECT_LT(glm::length(corner.forward + dvec3(std::sqrt(1.0 / 3))), 1e-12);
+    EXPECT_GT(glm::dot(corner.up, up), 0.5);
     press('R');
   }
 }
