@@ -172,8 +172,8 @@ Status render(RenderOptions options) {
                "is drawn behind all of them\n",
                most_surface_layers);
   if (!options.output.empty())
-    SPLATVOL_TRY(
-        write_page(composition, player.view(), std::move(image), options.output, provenance_of(options, drawn)));
+    SPLATVOL_TRY(write_page(composition, player.view(), time_of(player), std::move(image), options.output,
+                            provenance_of(options, drawn)));
 
   if (!options.stats.empty()) {
     if (!options.moves()) SPLATVOL_TRY(draw_steady_frames(options, drawn, timings));

@@ -52,7 +52,8 @@ Status find_cut(Drawn& drawn, Timings& timings) {
 
 Status write_frame(const RenderOptions& options, const Composition& composition, const Drawn& drawn,
                    const std::string& path, Image image) {
-  return write_page(composition, drawn.player->view(), std::move(image), path, provenance_of(options, drawn));
+  return write_page(composition, drawn.player->view(), time_of(*drawn.player), std::move(image), path,
+                    provenance_of(options, drawn));
 }
 
 // Draws and writes frames until the picture is complete, and prints a line for each. Prints and returns the errors of
@@ -230,6 +231,11 @@ Status draw_steady_frames(const RenderOptions& options, Drawn& drawn, Timings& t
     bar.update((i + 1.0) / options.repeat);
   }
   return {};
+}
+
+std::optional<double> time_of(const Player& player) {
+  const std::vector<double>& times = player.steps().times();
+  return times.empty() ? std::nullopt : std::optional(times[player.step()]);
 }
 
 const FrameSplats& splats_of(const Player& player) {

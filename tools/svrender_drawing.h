@@ -62,6 +62,9 @@ struct Drawn {
 /// Draws --repeat frames of resident splats, and replaces the times of earlier frames.
 [[nodiscard]] Status draw_steady_frames(const RenderOptions& options, Drawn& drawn, Timings& timings);
 
+/// Returns the time of the step that is shown; none: the file is no series.
+[[nodiscard]] std::optional<double> time_of(const Player& player);
+
 /// Returns the splats of the last frame: of an exact picture none.
 [[nodiscard]] const FrameSplats& splats_of(const Player& player);
 

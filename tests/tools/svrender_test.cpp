@@ -426,6 +426,8 @@ TEST_F(Svrender, MakesAPageInOneCommand) {
   expect_done("svrender v.svol -o out.png --tolerance 0 --size 320x240 --background '#ffffff' --transparent");
   EXPECT_NE(plain, read("out.png"));
   expect_refusal("v.svol -o out.exr --title T", "need a .png");
+  expect_refusal("v.svol -o out.exr --time-label", "need a .png");
+  expect_refusal("v.svol -o out.png --time-label", "v.svol is no time series");
   expect_refusal("v.svol -o out.png --attribute heat", "no attribute \"heat\"");
   EXPECT_EQ(run("v.svol -o out.png --background grey").code, 2);
   EXPECT_EQ(run("v.svol -o out.png --scene s.json --attribute a0").code, 2);
