@@ -211,8 +211,8 @@ ordered_json json_of(const KeptPicture& picture, const std::vector<Asked>& asked
                        {"shown", *picture.shown},
                        {"moves", picture.recipe.moves},
                        {"step", picture.step},
-                       {"splats", picture.recipe.rung.splats},
-                       {"spacing", picture.recipe.rung.sample_spacing},
+                       {"splats", picture.recipe.recipe.most_splats()},
+                       {"spacing", picture.recipe.recipe.sample_spacing},
                        {"seconds", picture.seconds}};
   if (picture.recipe.moves) json["told_error"] = picture.recipe.error;
   const auto is_its = [&](const Asked& scene) {

@@ -43,7 +43,7 @@ Result<double> least_nanoseconds(Player& player, const std::function<Status()>& 
 Status measure_splats(Player& player, const std::string& name, double pixels, std::vector<Measured>& measured) {
   for (std::uint64_t most = 64;; most *= 4) {
     for (const int spacing : {1, 2, 4}) {
-      SPLATVOL_TRY(player.draw_frame({.detail = {.goal = ErrorGoal{0, most}}}, {.sample_spacing = spacing}));
+      SPLATVOL_TRY(player.draw(Recipe::of_splats(most, spacing)));
       SPLATVOL_TRY_ASSIGN(nanoseconds, least_nanoseconds(player, [&] { return player.draw_again(); }));
       const auto splats = static_cast<double>(player.frame()->splats);
       const double fragments = player.times().draw.fragments;
@@ -61,7 +61,11 @@ Status measure_cells(Player& player, const std::string& name, double pixels, std
   SPLATVOL_TRY_ASSIGN(estimate, player.estimate_exact());
   const auto tetrahedra = static_cast<double>(estimate.tetrahedra), segments = static_cast<double>(estimate.segments);
   for (const int spacing : {1, 2, 4, 7}) {
-    SPLATVOL_TRY_ASSIGN(nanoseconds, least_nanoseconds(player, [&] { return player.draw_exact({}, spacing); }));
+    const auto draw = [&]() -> Status {
+      SPLATVOL_TRY(player.draw(Recipe::of_cells(spacing)));
+      return {};
+    };
+    SPLATVOL_TRY_ASSIGN(nanoseconds, least_nanoseconds(player, draw));
     const double samples = segments / (spacing * spacing);
     measured.push_back({fmt::format("{}, {} tetrahedra, samples {} apart", name, tetrahedra, spacing),
                         {0, 0, 0, spacing > 1 ? pixels : 0, tetrahedra, std::sqrt(tetrahedra * samples),

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <mutex>
 #include <optional>
+#include <thread>
 #include <utility>
 
 #include "base/addresses.h"
@@ -16,6 +17,7 @@
 #include "sampler/cell_line.h"
 #include "sampler/cell_sampler.h"
 #include "sampler/cell_tetrahedra.h"
+#include "sampler/integrals.h"
 #include "sampler/splat_sampler.h"
 
 namespace splatvol {
@@ -212,6 +214,11 @@ Result<ContourMesh> File::contour(double value, const std::string& attribute, co
   for (std::size_t i = 0; i < others.names.size(); ++i)
     if (others.names[i] != attribute) selection.add(others.attributes[i], others.names[i]);
   return extract_contour(volume, selection, value);
+}
+
+Result<Integrals> File::integrate(const IntegralRequest& request) const {
+  const std::size_t threads = std::max(1u, std::thread::hardware_concurrency());
+  return integrate_cells(*contents_->volume, request, held_bytes, threads, [](double) {});
 }
 
 Status File::verify(const std::function<void(double)>& progress) const {

@@ -60,7 +60,7 @@ Status RendererCore::draw_now(double wait_seconds, const Quality& quality) {
                 quality.exact ? "an exact picture" : "a picture in a time");
   const bool is_default = quality == Quality();
   const Detail detail = expected_detail(is_default ? default_splats(player_->info().point_count()) : quality);
-  SPLATVOL_TRY(player_->draw_frame({.detail = detail, .wait_seconds = std::max(0.0, wait_seconds)}));
+  SPLATVOL_TRY(player_->draw({detail}, std::max(0.0, wait_seconds)));
   take_statistics(start, std::nullopt);
   return {};
 }

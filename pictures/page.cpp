@@ -1,5 +1,7 @@
 #include "pictures/page.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -139,6 +141,10 @@ bool faces_eye(const View& view, const Box& box, int axis, bool high) {
 dvec3 ink_on(const dvec3& background) { return dvec3(is_light(background) ? 0 : 1); }
 
 dvec3 ink_on_any() { return dvec3(0.184); }
+
+std::string title_with_time(const std::string& title, double time) {
+  return fmt::format("{}{}time {:.6g}", title, title.empty() ? "" : ", ", time);
+}
 
 Result<Page> lay_out_page(int width, int height, const PageText& text, const TransferFunction& function) {
   Page page{width, height, 0, width, height, text_height_for(width, height)};

@@ -19,6 +19,9 @@ struct PageText {
   int ticks = ScalarBar().ticks;   // of the bar, as in ScalarBar
 };
 
+/// Returns a title that tells the time of a step, behind other words if there are some.
+[[nodiscard]] std::string title_with_time(const std::string& title, double time);
+
 /// The sizes of a page in pixels. The title is over the picture, and the scalar bar right of it, so that nothing covers
 /// the volume.
 struct Page {

@@ -21,10 +21,10 @@ glm::dquat orientation_of(const Camera& camera) {
   return glm::quat_cast(dmat3(axes.right, axes.up, -axes.forward));
 }
 
-Result<Camera> read_path_camera(const JsonField& field) {
+Result<PathView> read_path_view(const JsonField& field) {
   SPLATVOL_TRY_ASSIGN(camera, read_camera(field));
   if (const auto view = make_view(camera, 1, 1); !view) return field.wrong("{}", view.error().message);
-  return camera;
+  return PathView{camera};
 }
 
 Result<CameraPath> read_path(const JsonField& root) {
@@ -32,10 +32,16 @@ Result<CameraPath> read_path(const JsonField& root) {
   const JsonField seconds = root.member("seconds"), cameras = root.member("cameras");
   SPLATVOL_TRY_SET(path.seconds, seconds.number());
   if (!(path.seconds > 0 && path.seconds <= 86400)) return seconds.wrong("not between 0 and a day");
-  SPLATVOL_TRY_SET(path.cameras, cameras.each(read_path_camera));
-  if (path.cameras.empty()) return cameras.wrong("no cameras");
-  for (const Camera& camera : path.cameras)
-    if (camera.projection != path.cameras.front().projection) return cameras.wrong("cameras of both projections");
+  SPLATVOL_TRY_SET(path.views, cameras.each(read_path_view));
+  if (path.views.empty()) return cameras.wrong("no cameras");
+  for (const PathView& view : path.views)
+    if (view.camera.projection != path.views.front().camera.projection)
+      return cameras.wrong("cameras of both projections");
+  if (const JsonField names = root.member("names"); names.exists()) {
+    SPLATVOL_TRY_ASSIGN(read, names.each([](const JsonField& name) { return name.text(); }));
+    if (read.size() != path.views.size()) return names.wrong("not as many as cameras");
+    for (std::size_t i = 0; i < read.size(); ++i) path.views[i].name = read[i];
+  }
   return path;
 }
 
@@ -44,10 +50,10 @@ double geometric(double a, double b, double part) { return a * std::pow(b / a, p
 }  // namespace
 
 Camera camera_at(const CameraPath& path, double part) {
-  const double position = std::clamp(part, 0.0, 1.0) * static_cast<double>(path.cameras.size() - 1);
-  const auto first = std::min(static_cast<std::size_t>(position), path.cameras.size() - 1);
-  if (first + 1 >= path.cameras.size()) return path.cameras.back();
-  const Camera &a = path.cameras[first], &b = path.cameras[first + 1];
+  const double position = std::clamp(part, 0.0, 1.0) * static_cast<double>(path.views.size() - 1);
+  const auto first = std::min(static_cast<std::size_t>(position), path.views.size() - 1);
+  if (first + 1 >= path.views.size()) return path.views.back().camera;
+  const Camera &a = path.views[first].camera, &b = path.views[first + 1].camera;
   const double share = position - static_cast<double>(first);
   if (share == 0) return a;
   Camera camera = a;
@@ -64,7 +70,10 @@ Camera camera_at(const CameraPath& path, double part) {
 
 std::string path_to_json(const CameraPath& path) {
   json document = {{"seconds", path.seconds}, {"cameras", json::array()}};
-  for (const Camera& camera : path.cameras) document["cameras"].push_back(parse_ordered_json(camera_to_json(camera)));
+  for (const PathView& view : path.views)
+    document["cameras"].push_back(parse_ordered_json(camera_to_json(view.camera)));
+  if (std::ranges::any_of(path.views, [](const PathView& view) { return !view.name.empty(); }))
+    for (const PathView& view : path.views) document["names"].push_back(view.name);
   return json_text(document, 1) + "\n";
 }
 

@@ -3,10 +3,14 @@
 
 #include <cstdint>
 
+#include "player/recipe.h"
 #include "splatvol/quality.h"
-#include "streamer/splats/detail.h"
 
 namespace splatvol {
+
+/// Says whether cells or splats are drawn where nobody asks for one of them. Returns the finest distance of samples
+/// with which cells have at most Choices::most_segments; 0: splats are drawn. Contours are cells, whatever the work.
+[[nodiscard]] int spacing_of_cells(const Choices& choices);
 
 /// Returns the quality of splats for which nothing is asked: all points of a file of few points, else the default
 /// error.

@@ -18,10 +18,15 @@ constexpr double remembered = 0.999;
 
 }  // namespace
 
-double DrawingTimes::work(const Rung& rung, const Choices& choices) const {
-  if (rung.is_exact())  // of no cells, too
-    return std::max(work_of_cells(*choices.cells, choices.pixels, rung.sample_spacing), nanoseconds::of_picture);
-  const auto splats = static_cast<double>(rung.splats);
+double DrawingTimes::work(const Recipe& rung, const Choices& choices) const {
+  if (rung.is_exact()) {
+    CellCounts cells = *choices.cells;
+    if (const auto refined = refined_.find(rung.sample_spacing); refined != refined_.end())
+      cells.segments *= refined->second;
+    // Of no cells, too.
+    return std::max(work_of_cells(cells, choices.pixels, rung.sample_spacing), nanoseconds::of_picture);
+  }
+  const auto splats = static_cast<double>(rung.most_splats());
   const double samples = choices.pixels / (rung.sample_spacing * rung.sample_spacing);
   return work_of_splats(splats, fragments_of_splats(layers_, splats, samples), choices.pixels, rung.sample_spacing);
 }
@@ -39,20 +44,25 @@ double DrawingTimes::ratio_of(const Kind& kind) const {
   return nearest.value_or(1);
 }
 
-double DrawingTimes::predict(const Rung& rung, const Choices& choices) const {
+double DrawingTimes::predict(const Recipe& rung, const Choices& choices) const {
   return machine_ * ratio_of(kind_of(rung)) * work(rung, choices);
 }
 
-void DrawingTimes::add(const Rung& rung, const Choices& choices, double fragments, double seconds) {
-  if (!(seconds > 0)) return;
-  if (fragments > 0) {
+void DrawingTimes::add(const Outcome& outcome, const Choices& choices) {
+  const Recipe& rung = outcome.recipe;
+  if (!(outcome.seconds > 0)) return;
+  if (outcome.fragments > 0) {
     const double samples = choices.pixels / (rung.sample_spacing * rung.sample_spacing);
-    layers_ = layers_of_one_splat(fragments, static_cast<double>(rung.splats), samples);
+    layers_ = layers_of_one_splat(outcome.fragments, static_cast<double>(rung.most_splats()), samples);
+  }
+  if (outcome.segments > 0 && rung.sample_spacing > 1 && choices.cells) {
+    const double sampled = std::max(sampled_segments(*choices.cells, rung.sample_spacing), 1.0);
+    refined_[rung.sample_spacing] = std::max(outcome.segments / sampled, 1.0);
   }
   const Kind kind = kind_of(rung);
   for (auto& [other, ratio] : ratios_)
     if (other != kind) ratio = std::pow(ratio, remembered);
-  const double deviation = seconds / (machine_ * work(rung, choices));
+  const double deviation = outcome.seconds / (machine_ * work(rung, choices));
   if (!kind_)
     machine_ *= deviation;
   else if (kind != *kind_)

@@ -5,7 +5,7 @@
 #include <optional>
 #include <utility>
 
-#include "player/rung.h"
+#include "player/recipe.h"
 
 namespace splatvol {
 
@@ -14,14 +14,13 @@ namespace splatvol {
 class DrawingTimes {
  public:
   /// Returns the counted work, in nanoseconds of the machine of renderer/work.h.
-  [[nodiscard]] double work(const Rung& rung, const Choices& choices) const;
+  [[nodiscard]] double work(const Recipe& rung, const Choices& choices) const;
 
   /// Returns seconds.
-  [[nodiscard]] double predict(const Rung& rung, const Choices& choices) const;
+  [[nodiscard]] double predict(const Recipe& rung, const Choices& choices) const;
 
-  /// Adds the time of a rung that was drawn with all of its parts. `fragments`: as FrameTimes counts them; of cells 0.
-  /// Ignores times of 0 or less.
-  void add(const Rung& rung, const Choices& choices, double fragments, double seconds);
+  /// Adds the time of a picture with all of its parts. Ignores times of 0 or less.
+  void add(const Outcome& outcome, const Choices& choices);
 
   /// Whether a time was added.
   [[nodiscard]] bool is_measured() const { return kind_.has_value(); }
@@ -29,10 +28,13 @@ class DrawingTimes {
  private:
   using Kind = std::pair<bool, int>;  // is exact; the spacing of samples
   [[nodiscard]] double ratio_of(const Kind& kind) const;
-  static Kind kind_of(const Rung& rung) { return {rung.is_exact(), rung.sample_spacing}; }
+  static Kind kind_of(const Recipe& rung) { return {rung.is_exact(), rung.sample_spacing}; }
 
   double layers_ = 2;      // layers_of_one_splat
   double machine_ = 1e-9;  // seconds of a unit of work
+
+  // [sample spacing]: the segments of cells over those that samples so far apart have. Refined samples have more.
+  std::map<int, double> refined_;
 
   // The factors of kinds of rungs. Each is learned by the first picture of its kind after one of another kind.
   std::map<Kind, double> ratios_;

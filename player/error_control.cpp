@@ -116,6 +116,11 @@ double surely(const std::vector<vec3>& samples, const std::vector<vec3>& rays) {
   return std::sqrt(squares.mean + squares.doubt);
 }
 
+// Everything so many resolutions before the finest.
+Detail coarser_detail(std::size_t resolutions, std::size_t coarser) {
+  return {.resolution = std::max(resolutions, coarser + 1) - 1 - coarser};
+}
+
 std::uint64_t times(std::uint64_t splats, double factor) {
   return static_cast<std::uint64_t>(std::clamp(static_cast<double>(splats) * factor, 1.0, 1e18));
 }
@@ -136,20 +141,28 @@ ErrorControl::ErrorControl(double max_error, Search search) : max_error_(max_err
   if (search_.first_splats > 0) next_->goal = {0, std::min(search_.first_splats, search_.most_splats)};
 }
 
-void ErrorControl::add(const Drawn& drawn) {
+std::optional<Recipe> ErrorControl::next(const Choices& /*choices*/) {
+  if (!next_) return {};
+  if (next_->exact) return Recipe::of_cells(next_->sample_spacing);
+  if (next_->coarser > 0) return Recipe{coarser_detail(search_.resolutions, next_->coarser), next_->sample_spacing};
+  return Recipe{Detail{.goal = next_->goal}, next_->sample_spacing};
+}
+
+void ErrorControl::add(const Outcome& drawn, const Choices& /*choices*/) {
   ++pictures_;
   if (step_ == Step::chosen) {
     next_.reset();
     return;
   }
-  if (drawn.allowed_splats < next_->goal.max_splats)
-    search_.most_splats = std::min(search_.most_splats, std::max<std::uint64_t>(drawn.allowed_splats, 1));
+  // Memory may have no room for more.
+  if (const std::uint64_t allowed = drawn.recipe.most_splats(); allowed > 0 && allowed < next_->goal.max_splats)
+    search_.most_splats = std::min(search_.most_splats, allowed);
   const int spacing = next_->sample_spacing;
-  Picture picture{.samples = search_.rays ? at_rays(drawn.image, *search_.rays) : sample(drawn.image),
+  Picture picture{.samples = search_.rays ? at_rays(*drawn.picture, *search_.rays) : sample(*drawn.picture),
                   .goal = next_->goal,
                   .asked = next_->goal.max_splats,
                   .splats = drawn.splats,
-                  .expected = drawn.expected_error,
+                  .expected = drawn.expected_error.value_or(0),
                   .finest = drawn.finest,
                   .exact = next_->exact,
                   .spacing = spacing};
@@ -210,13 +223,6 @@ void ErrorControl::grow(Picture picture) {
   if (!candidate_ || has_grown) candidate_ = std::move(picture);
   next_ = Request{.goal = {0, asked}, .sample_spacing = bracket_.spacing};
 }
-
-double error_of_all_points(const Image& all, const Image& coarser, const Image& coarsest) {
-  const std::vector<vec3> between = sample(coarser);
-  return error_of_all(distance(sample(all), between), distance(between, sample(coarsest)));
-}
-
-double error_at(const Rays& rays, const Image& picture) { return distance(at_rays(picture, rays), rays.colors()); }
 
 // Decides what comes after a candidate, its reference or what tells the reference's error.
 void ErrorControl::judge() {
@@ -488,5 +494,26 @@ double ErrorControl::work_of(double splats, int spacing) const {
 }
 
 double ErrorControl::work_of_exact(int spacing) const { return work_of_cells(*search_.cells, search_.pixels, spacing); }
+
+AllPoints::AllPoints(std::size_t resolutions, std::optional<Rays> rays)
+    : resolutions_(resolutions), rays_(std::move(rays)), coarser_(rays_ || resolutions <= 2 ? 0 : 2) {}
+
+std::optional<Recipe> AllPoints::next(const Choices& /*choices*/) {
+  if (coarser_ < 0) return {};
+  if (coarser_ == 0) return Recipe{Detail{.tolerance_percent = 0}};
+  return Recipe{coarser_detail(resolutions_, static_cast<std::size_t>(coarser_))};
+}
+
+void AllPoints::add(const Outcome& outcome, const Choices& /*choices*/) {
+  ++pictures_;
+  samples_.push_back(rays_ ? at_rays(*outcome.picture, *rays_) : sample(*outcome.picture));
+  if (coarser_-- > 0) return;
+  if (rays_)
+    estimate_ = {.error = distance(samples_[0], rays_->colors()), .reached = true, .measured = true};
+  else if (samples_.size() > 2)
+    estimate_ = {.error = error_of_all(distance(samples_[2], samples_[1]), distance(samples_[1], samples_[0])),
+                 .reached = true};
+  if (estimate_) estimate_->file_error = estimate_->error;
+}
 
 }  // namespace splatvol

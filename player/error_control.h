@@ -11,8 +11,8 @@
 #include "base/math.h"
 #include "pictures/image.h"
 #include "player/rays.h"
+#include "player/recipe.h"
 #include "renderer/work.h"
-#include "streamer/splats/cut.h"
 
 namespace splatvol {
 
@@ -23,9 +23,8 @@ namespace splatvol {
 /// Exact rays tell a candidate's error. Without them, its distance to a *reference* does: a finer cut, or the whole
 /// file, and then the file's pictures one and two resolutions coarser. docs/accuracy.md says how well this holds.
 ///
-/// Knows nothing of files and devices: the caller draws what `next` asks for, and adds it. The error is the root mean
-/// square of linear RGB against the exact picture.
-class ErrorControl {
+/// The error is the root mean square of linear RGB against the exact picture.
+class ErrorControl final : public Chooser {
  public:
   /// How it looks for the picture.
   struct Search {
@@ -41,30 +40,10 @@ class ErrorControl {
     /// The pixels from one sample to the next; `finest_spacing` if it grows. `pixels`: of a picture.
     int finest_spacing = 1, widest_spacing = 1;
     double pixels = 0;
+    std::size_t resolutions = 1;  // of the file
 
     std::optional<Rays> rays = {};         // if any, errors are against these
     std::optional<CellCounts> cells = {};  // if any, an exact picture may be asked for; not if it grows
-  };
-
-  /// The picture to draw next.
-  struct Request {
-    ErrorGoal goal = {};
-    std::size_t coarser = 0;  // if above 0, instead: everything so many resolutions before the finest
-    bool exact = false;       // if true, instead: the cells
-    int sample_spacing = 1;   // pixels
-  };
-
-  /// A picture of a request. That of cells needs no numbers.
-  struct Drawn {
-    const Image& image;
-    std::uint64_t splats = 0;
-    double expected_error = 0;  // as ErrorGoal counts it
-    bool finest = false;        // more splats would not change it
-
-    /// The splats that were allowed: fewer than the request's if memory has no room for more.
-    std::uint64_t allowed_splats = std::numeric_limits<std::uint64_t>::max();
-
-    double fragments = 0;  // as in FrameTimes
   };
 
   struct Estimate {
@@ -78,17 +57,16 @@ class ErrorControl {
   explicit ErrorControl(double max_error) : ErrorControl(max_error, Search()) {}
   ErrorControl(double max_error, Search search);
 
-  /// Returns what to draw next. Returns nullopt at the end: then the last picture is the one that was looked for.
-  [[nodiscard]] const std::optional<Request>& next() const { return next_; }
+  /// All pictures have the same size. Heeds no choices but those of its search.
+  [[nodiscard]] std::optional<Recipe> next(const Choices& choices) override;
+  void add(const Outcome& outcome, const Choices& choices) override;
+  [[nodiscard]] Needs needs() const override { return {.picture = true}; }
 
-  /// Adds the picture of `next`. All pictures have the same size.
-  void add(const Drawn& drawn);
-
-  /// Returns what is known of the last picture. Requires that `next` is nullopt.
+  /// Returns what is known of the last picture. Requires that `next` returns nothing.
   [[nodiscard]] const Estimate& estimate() const { return estimate_; }
 
   /// Returns the expected error of the last picture in units of max_error. A nearby view with a goal of this times
-  /// max_error has about the same true error. Requires that `next` is nullopt.
+  /// max_error has about the same true error. Requires that `next` returns nothing.
   [[nodiscard]] double learned() const { return learned_; }
 
   /// A picture that was tried, with its estimated error.
@@ -118,6 +96,14 @@ class ErrorControl {
     double ratio = 0;  // of a candidate: its error over the wanted one
   };
   enum class Step { candidate, reference, coarser, chosen };
+
+  // The picture to draw next.
+  struct Request {
+    ErrorGoal goal = {};
+    std::size_t coarser = 0;  // if above 0, instead: everything so many resolutions before the finest
+    bool exact = false;       // if true, instead: the cells
+    int sample_spacing = 1;   // pixels
+  };
 
   // Candidates of one sample spacing.
   struct Bracket {
@@ -187,10 +173,28 @@ class ErrorControl {
   double learned_ = 1;
 };
 
-/// Returns the estimated error of a picture of all points from those of the two resolutions before.
-[[nodiscard]] double error_of_all_points(const Image& all, const Image& coarser, const Image& coarsest);
+/// Asks for all points, and finds out their error. Without rays, it asks for the two resolutions before, first.
+class AllPoints final : public Chooser {
+ public:
+  AllPoints(std::size_t resolutions, std::optional<Rays> rays);
 
-/// Returns the error of a picture at rays.
-[[nodiscard]] double error_at(const Rays& rays, const Image& picture);
+  [[nodiscard]] std::optional<Recipe> next(const Choices& choices) override;
+  void add(const Outcome& outcome, const Choices& choices) override;
+  [[nodiscard]] Needs needs() const override { return {.picture = true}; }
+
+  /// Returns their error, once `next` returns nothing. None if a file has too few resolutions to tell.
+  [[nodiscard]] const std::optional<ErrorControl::Estimate>& estimate() const { return estimate_; }
+
+  /// Returns how many pictures were added.
+  [[nodiscard]] int pictures() const { return pictures_; }
+
+ private:
+  std::size_t resolutions_;
+  std::optional<Rays> rays_;
+  int coarser_;  // how many coarser pictures come yet; -1: all is there
+  std::vector<std::vector<vec3>> samples_ = {};
+  std::optional<ErrorControl::Estimate> estimate_ = {};
+  int pictures_ = 0;
+};
 
 }  // namespace splatvol

@@ -54,11 +54,11 @@ double by_count(std::uint64_t splats) { return std::pow(static_cast<double>(spla
 
 }  // namespace
 
-std::vector<Rung> MotionControl::rungs(const Choices& choices) {
-  std::vector<Rung> rungs = rungs_of_splats(choices);
+std::vector<Recipe> MotionControl::rungs(const Choices& choices) {
+  std::vector<Recipe> rungs = ladder_of_splats(choices);
   if (!choices.cells) return rungs;
   for (int usual = widest_moving_samples; usual >= 1; usual /= 2) {
-    const Rung rung{0, std::clamp(usual, choices.finest_spacing, choices.widest_spacing)};
+    const Recipe rung = Recipe::of_cells(std::clamp(usual, choices.finest_spacing, choices.widest_spacing));
     const double segments = choices.cells->segment_work * sampled_segments(*choices.cells, rung.sample_spacing);
     if (segments > choices.most_segments) continue;
     if (rungs.empty() || rungs.back() != rung) rungs.push_back(rung);
@@ -84,14 +84,14 @@ MotionControl::Expected MotionControl::expected_of_cells(int sample_spacing, con
   return {std::max((are_doubted_ ? doubt : 1) * known->second, least), !are_doubted_};
 }
 
-MotionControl::Expected MotionControl::expected_error(const Rung& rung, const Choices& choices) const {
+MotionControl::Expected MotionControl::expected_error(const Recipe& rung, const Choices& choices) const {
   if (rung.is_exact()) return expected_of_cells(rung.sample_spacing, choices);
-  const double number = by_count(rung.splats);
+  const double number = by_count(rung.most_splats());
   const double by_model = std::max(model_.value_or(0), splats_error) / number + choices.added_error;
   if (splat_errors_.empty() || is_another_view(choices)) return {by_model};
-  auto known = splat_errors_.lower_bound(rung.splats);
+  auto known = splat_errors_.lower_bound(rung.most_splats());
   const auto ratio_to = [&](const auto& other) {
-    return std::abs(std::log(static_cast<double>(other->first) / static_cast<double>(rung.splats)));
+    return std::abs(std::log(static_cast<double>(other->first) / static_cast<double>(rung.most_splats())));
   };
   if (known == splat_errors_.end() || (known != splat_errors_.begin() && ratio_to(std::prev(known)) < ratio_to(known)))
     --known;
@@ -107,16 +107,16 @@ bool MotionControl::are_errors_known(const Choices& choices) const {
 
 // `patience`: for pictures that should be smooth, a factor on their time.
 MotionControl::Chosen MotionControl::choose(const Choices& choices, double patience) const {
-  const std::vector<Rung> all = rungs(choices);
+  const std::vector<Recipe> all = rungs(choices);
   struct Candidate {
-    Rung rung;
+    Recipe rung;
     double error, seconds;
     [[nodiscard]] double loss() const { return rung.is_exact() ? error : of_splats * error; }
   };
   bool has_splats = false;
   const auto best_of = [&](double most_error, double most_seconds, auto is_better) {
     std::optional<Candidate> best;
-    for (const Rung& rung : all) {
+    for (const Recipe& rung : all) {
       if (!has_splats && !rung.is_exact()) continue;
       const double shows = rung.is_exact() && rung.sample_spacing >= very_wide ? of_very_wide : 1;
       const Candidate candidate{rung, shows * expected_error(rung, choices).error, times_.predict(rung, choices)};
@@ -148,14 +148,14 @@ MotionControl::Chosen MotionControl::choose(const Choices& choices, double patie
   return {best_of(any, any, is_quicker)->rung, any, too_short * longest};
 }
 
-std::vector<Rung> MotionControl::unmeasured(const Choices& choices) const {
-  const Rung chosen = choose(choices).rung;
+std::vector<Recipe> MotionControl::unmeasured(const Choices& choices) const {
+  const Recipe chosen = choose(choices).rung;
   const double smooth = std::min(smooth_seconds, limits_.seconds);
   if (chosen.is_exact() && expected_error(chosen, choices).error <= limits_.max_error) return {};
-  std::vector<Rung> unmeasured;
+  std::vector<Recipe> unmeasured;
   for (const double seconds : {smooth, limits_.seconds}) {
-    std::optional<Rung> finest;
-    for (const Rung& rung : rungs_of_splats(choices))
+    std::optional<Recipe> finest;
+    for (const Recipe& rung : ladder_of_splats(choices))
       if (times_.predict(rung, choices) <= seconds) finest = rung;
     const bool is_new = finest && (unmeasured.empty() || unmeasured.back() != *finest);
     if (is_new && !expected_error(*finest, choices).is_measured) unmeasured.push_back(*finest);
@@ -165,14 +165,14 @@ std::vector<Rung> MotionControl::unmeasured(const Choices& choices) const {
 
 // Whether the rung of this movement may be drawn again.
 bool MotionControl::may_stay(const Choices& choices) const {
-  const std::vector<Rung> all = rungs(choices);
+  const std::vector<Recipe> all = rungs(choices);
   if (!rung_ || std::ranges::find(all, rung_->rung) == all.end()) return false;
   if (!all.back().is_exact() || !had_segments_) return all.back().is_exact() == had_segments_.has_value();
   const double change = std::max(choices.cells->segments, 1.0) / std::max(*had_segments_, 1.0);
   return change < much_more && change > 1 / much_more;
 }
 
-Rung MotionControl::next(const Choices& choices) {
+std::optional<Recipe> MotionControl::next(const Choices& choices) {
   Chosen chosen = choose(choices);
   if (may_stay(choices)) {
     const auto error_of = [&](const Chosen& other) { return expected_error(other.rung, choices).error; };
@@ -192,10 +192,10 @@ Rung MotionControl::next(const Choices& choices) {
 }
 
 void MotionControl::add(const Outcome& outcome, const Choices& choices) {
-  times_.add(outcome.rung, choices, outcome.fragments, outcome.seconds);
-  const Rung& rung = outcome.rung;
-  if (!rung.is_exact() && outcome.model_error && std::isfinite(*outcome.model_error))
-    model_ = *outcome.model_error * by_count(rung.splats);
+  times_.add(outcome, choices);
+  const Recipe& rung = outcome.recipe;
+  if (outcome.expected_error && std::isfinite(*outcome.expected_error))
+    model_ = *outcome.expected_error * by_count(rung.most_splats());
   if (!outcome.error || !std::isfinite(*outcome.error)) return;
   if (are_doubted_) forget_view();
   if (rung.is_exact()) {
@@ -205,7 +205,7 @@ void MotionControl::add(const Outcome& outcome, const Choices& choices) {
     if (choices.cells) measured_segments_ = choices.cells->segments;
     measured_direction_ = choices.direction;
   }
-  if (!rung.is_exact()) splat_errors_[rung.splats] = *outcome.error;
+  if (!rung.is_exact()) splat_errors_[rung.most_splats()] = *outcome.error;
 }
 
 void MotionControl::forget_view() {

@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "player/drawing_times.h"
-#include "player/rung.h"
+#include "player/recipe.h"
 
 namespace splatvol {
 
@@ -25,25 +25,21 @@ struct MotionLimits {
 /// it takes much more or less time than it may, or much more or less is in view.
 ///
 /// Expects errors by what was measured at rest, and until then by a rough model. Expects times by DrawingTimes.
-class MotionControl {
+class MotionControl final : public Chooser {
  public:
   explicit MotionControl(const MotionLimits& limits = {}) : limits_(limits) {}
 
   /// Requires numbers above 0.
   void set_limits(const MotionLimits& limits) { limits_ = limits; }
 
-  /// Returns what to draw next.
-  [[nodiscard]] Rung next(const Choices& choices);
+  /// There is always another picture.
+  [[nodiscard]] std::optional<Recipe> next(const Choices& choices) override;
 
-  /// What came of a picture, at rest or while something moves.
-  struct Outcome {
-    Rung rung;
-    double fragments = 0;                    // as DrawingTimes::add
-    double seconds = 0;                      // 0: not known, as some parts were read or are missing
-    std::optional<double> model_error = {};  // of splats: what the file's index tells of the error
-    std::optional<double> error = {};        // measured
-  };
-  void add(const Outcome& outcome, const Choices& choices);
+  /// Adds what came of a picture, at rest or while something moves.
+  void add(const Outcome& outcome, const Choices& choices) override;
+  [[nodiscard]] Needs needs() const override {
+    return {.cells = Cells::near, .widest_spacing = widest_moving_samples, .seconds = limits_.seconds};
+  }
 
   /// Ends a movement: the next rung may be any.
   void rest() {
@@ -64,22 +60,22 @@ class MotionControl {
     double error = 0;
     bool is_measured = false;  // in about this view
   };
-  [[nodiscard]] Expected expected_error(const Rung& rung, const Choices& choices) const;
+  [[nodiscard]] Expected expected_error(const Recipe& rung, const Choices& choices) const;
 
   /// Returns seconds.
-  [[nodiscard]] double expected_seconds(const Rung& rung, const Choices& choices) const {
+  [[nodiscard]] double expected_seconds(const Recipe& rung, const Choices& choices) const {
     return times_.predict(rung, choices);
   }
 
   /// Returns rungs of splats whose errors are worth measuring in this view. None where cells serve.
-  [[nodiscard]] std::vector<Rung> unmeasured(const Choices& choices) const;
+  [[nodiscard]] std::vector<Recipe> unmeasured(const Choices& choices) const;
 
   /// Returns the rungs of a view.
-  [[nodiscard]] static std::vector<Rung> rungs(const Choices& choices);
+  [[nodiscard]] static std::vector<Recipe> rungs(const Choices& choices);
 
  private:
   struct Chosen {
-    Rung rung;
+    Recipe rung;
     double too_long, too_short;  // seconds
   };
   [[nodiscard]] Chosen choose(const Choices& choices, double patience = 1) const;

@@ -15,26 +15,27 @@
 #include "player/scene_surfaces.h"
 #include "renderer/depth_pyramid.h"
 #include "renderer/slice_values.h"
+#include "scene/scene_change.h"
+#include "scene/shells.h"
 #include "streamer/cells/file_cells.h"
 #include "streamer/splats/domain.h"
 
 namespace splatvol {
 namespace {
 
-Status check_time(double seconds) {
-  if (seconds > 0 && std::isfinite(seconds)) return {};
-  return fail(ErrorCode::invalid_argument, "{} seconds are no time to draw in", seconds);
-}
-
-// The part of draw_within's time that the drawing of splats may take. The rest is for choosing them.
-constexpr double drawing_share = 0.7;
-
 // With surfaces or slices, a picture in a time has at least so many splats. Fewer are no faster: each is larger, and
 // surfaces are compared with each of its pixels.
 constexpr std::uint64_t least_among_surfaces = std::uint64_t{1} << 15;
 
-// Expected of splats where the scene shows contours: they have none.
-constexpr double error_without_contours = 0.05;
+// Expected of splats where shells stand for contours.
+constexpr double error_of_shells = 0.05;
+
+// Splats have no contours: shells stand for them.
+Result<Scene> scene_of_splats(const Scene& scene, const Streamer& streamer) {
+  if (contours_of(scene).surfaces.empty()) return scene;
+  SPLATVOL_TRY_ASSIGN(domain, domain_of(streamer.volume()));
+  return with_shells(scene, glm::length(domain.extent()));
+}
 
 Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& streamer) {
   const Status set = rasterizer.set_transfer_function(transfer_of(scene), streamer.units());
@@ -48,27 +49,6 @@ tl::unexpected<Error> fail_two_surfaces() {
 
 // Rays that measure an error meet about as many cells as a picture does. Two cores need a tenth of a second for 2^21.
 constexpr std::uint64_t most_tetrahedra_for_rays = std::uint64_t{1} << 21;
-
-Detail detail_of(const Rung& rung) { return {.goal = ErrorGoal{0, rung.splats}}; }
-
-Detail detail_of(const ErrorControl::Request& request, std::uint32_t resolutions) {
-  Detail detail;
-  if (request.coarser > 0)
-    detail.resolution = std::max<std::size_t>(resolutions, request.coarser + 1) - 1 - request.coarser;
-  else
-    detail.goal = request.goal;
-  return detail;
-}
-
-// What cannot be read is left out: whoever shows the step meets the error.
-StepCells read_cells(const format::Steps& steps, std::size_t step, const Scene& scene, const PartRoom& room) {
-  const auto volume = steps.volume(step);
-  if (!volume || (*volume)->is_far()) return {};
-  const auto kept = KeptCells::open(**volume, scene, room);
-  if (!kept) return {};
-  static_cast<void>((*kept)->hold_all());
-  return {*volume, *kept};
-}
 
 // The layers of a picture at the pixels of its rays, whose view this is.
 std::vector<SurfaceLayer> layers_at_rays(const std::vector<CellLayer>& layers, const View& view,
@@ -90,10 +70,10 @@ std::vector<SurfaceLayer> layers_at_rays(const std::vector<CellLayer>& layers, c
 // A public call: what it reads can be cancelled. Calls within it are parts of it.
 class Player::Call {
  public:
-  explicit Call(Player& player) : player_(player), interruptible_(begin(player)) {}
+  explicit Call(Player& player) : player_(player), interruptible_(player.calls_.begin()) {}
   Call(const Call&) = delete;
   Call& operator=(const Call&) = delete;
-  ~Call() { --player_.calls_; }
+  ~Call() { --player_.calls_.count; }
 
   [[nodiscard]] Status check() const {
     if (!is_interrupted()) return {};
@@ -101,15 +81,15 @@ class Player::Call {
   }
 
  private:
-  static std::stop_token begin(Player& player) {
-    const std::scoped_lock lock(player.stop_mutex_);
-    if (player.calls_++ == 0) player.stop_ = std::stop_source();
-    return player.stop_.get_token();
-  }
-
   Player& player_;
   Interruptible interruptible_;
 };
+
+std::stop_token Player::Calls::begin() {
+  const std::scoped_lock lock(mutex);
+  if (count++ == 0) stop = std::stop_source();
+  return stop.get_token();
+}
 
 Player::Player(format::Steps steps, std::size_t step) : steps_(std::move(steps)), step_(step) {}
 
@@ -173,19 +153,19 @@ Status Player::set_drawing(const Drawing& drawing) {
 Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options,
                               std::optional<std::size_t> asked_step) const {
   const std::size_t step = asked_step.value_or(step_);
-  const bool other_parts =
-      step != step_ || options.memory != options_.memory || kernel_of(options.drawing) != kernel_of(options_.drawing) ||
-      scene.attribute != scene_.attribute || opacity_attribute_of(scene) != opacity_attribute_of(scene_) ||
-      (scene.lighting && !scene_.lighting && kernel_of(options.drawing) == KernelKind::octant);
+  const SceneChange change = change_between(scene_, scene);
+  const bool other_parts = step != step_ || options.memory != options_.memory ||
+                           kernel_of(options.drawing) != kernel_of(options_.drawing) || change.data ||
+                           (scene.lighting && !scene_.lighting && kernel_of(options.drawing) == KernelKind::octant);
   if (other_parts) {
-    Held held{step == step_ ? surfaces_ : surfaces_of_all_steps()};
+    Held held{step == step_ ? surfaces_.all : surfaces_of_all_steps()};
     if (options.memory == options_.memory) held.memory = memory_;
     if (step == step_ && !is_lost_) held.volume = streamer_->shared_volume();
     if (held.memory && (held.volume || !steps_.are_files())) held.room = streamer_->room();
     return [=, steps = steps_, held = std::move(held)] { return read(steps, step, scene, options, held); };
   }
-  if (scene.surfaces == scene_.surfaces) return {};
-  return [=, steps = steps_, memory = memory_, before = surfaces_]() -> Result<PlayerFile> {
+  if (!change.surfaces) return {};
+  return [=, steps = steps_, memory = memory_, before = surfaces_.all]() -> Result<PlayerFile> {
     SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
     SPLATVOL_TRY_ASSIGN(surfaces, read_scene_surfaces(scene.surfaces, *volume, options.read_surface,
                                                       memory->patches.capacity(), before));
@@ -195,7 +175,7 @@ Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options,
 
 // Depths of another program, and surfaces or slices of the scene: only one of them.
 Status Player::check_surfaces(const Scene& scene, const View& view) const {
-  if (!surface_depths_) return {};
+  if (!surfaces_.depths) return {};
   if (!view.slices.empty() || std::ranges::any_of(scene.surfaces, &SceneSurface::shown)) return fail_two_surfaces();
   return {};
 }
@@ -221,13 +201,15 @@ Status Player::replace(PlayerFile file) {
 
 // Patches have their share while there are some.
 void Player::take_surfaces(std::vector<Surface> surfaces) {
-  const auto is_same = [](const Surface& a, const Surface& b) { return a.style == b.style && a.mesh == b.mesh; };
-  if (!std::ranges::equal(surfaces_, surfaces, is_same)) surfaces_view_.reset();
-  surfaces_ = std::move(surfaces);
+  const auto is_same = [](const Surface& a, const Surface& b) {
+    return a.style == b.style && a.mesh == b.mesh && a.values == b.values;
+  };
+  if (!std::ranges::equal(surfaces_.all, surfaces, is_same)) surfaces_.view.reset();
+  surfaces_.all = std::move(surfaces);
   const auto is_patch = [](const Surface& surface) { return surface.mesh && !surface.style.boundary.empty(); };
-  patches_room_ = {};
-  if (std::ranges::none_of(surfaces_, is_patch)) return;
-  if (auto room = memory_->patches.reserve(memory_->patches.capacity())) patches_room_ = std::move(*room);
+  surfaces_.patches_room = {};
+  if (std::ranges::none_of(surfaces_.all, is_patch)) return;
+  if (auto room = memory_->patches.reserve(memory_->patches.capacity())) surfaces_.patches_room = std::move(*room);
 }
 
 // Takes over a scene, options and a streamer that fits both, in its memory; null: the streamer stays. Surfaces stay.
@@ -238,19 +220,23 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
     SPLATVOL_TRY_SET(other, make_rasterizer(options.device, {.kernel = kernel_of(options.drawing),
                                                              .gpu_bytes = options.gpu_memory,
                                                              .in_current_context = options.in_current_context}));
-    SPLATVOL_TRY(other->set_surface_depths(surface_depths_));
+    SPLATVOL_TRY(other->set_surface_depths(surfaces_.depths));
   }
   Rasterizer& rasterizer = other ? *other : *rasterizer_;
-  if (streamer || scene.transfer_function != scene_.transfer_function || scene.opacity != scene_.opacity)
-    SPLATVOL_TRY(set_function(rasterizer, scene, streamer ? *streamer : *streamer_));
+  const SceneChange change = change_between(scene_, scene);
+  if (streamer || change.look || change.parts || change.data) {
+    const Streamer& used = streamer ? *streamer : *streamer_;
+    SPLATVOL_TRY_ASSIGN(of_splats, scene_of_splats(scene, used));
+    SPLATVOL_TRY(set_function(rasterizer, of_splats, used));
+    function_of_splats_ = std::move(of_splats.transfer_function);
+  }
   rasterizer.set_lighting(scene.lighting);
+  const bool streamer_is_new = streamer != nullptr;
   if (streamer) {
     frame_ = nullptr;
     is_lost_ = false;
-    drop_cells();
-    cells_ahead_.reset();
-    sweep_room_ = {};
-    patches_room_ = {};
+    surfaces_.patches_room = {};
+    cells_.use(*streamer, memory);
     streamer_ = std::move(streamer);
     memory_ = memory;
   }
@@ -258,10 +244,11 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
     rasterizer_ = std::move(other);
     room_ = std::numeric_limits<std::uint64_t>::max();
   }
+  if (streamer_is_new || change.is_of_picture()) ++revision_;
   scene_ = scene;
   options_ = options;
   view_ = view;
-  is_nudged_ = false;
+  asked_.is_nudged = false;
   return {};
 }
 
@@ -271,16 +258,16 @@ Status Player::open_again(std::size_t step) {
   return replace(std::move(file));
 }
 
-std::optional<Error> Player::left_out() const { return left_out_error(surfaces_, steps_.name()); }
+std::optional<Error> Player::left_out() const { return left_out_error(surfaces_.all, steps_.name()); }
 
 bool Player::shows_surfaces() const {
-  return !view_.slices.empty() || std::ranges::any_of(surfaces_, &Surface::is_visible);
+  return !view_.slices.empty() || std::ranges::any_of(surfaces_.all, &Surface::is_visible);
 }
 
 Status Player::set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) {
   if (depths && shows_surfaces()) return fail_two_surfaces();
   SPLATVOL_TRY(rasterizer_->set_surface_depths(depths));
-  surface_depths_ = std::move(depths);
+  surfaces_.depths = std::move(depths);
   return {};
 }
 
@@ -295,7 +282,12 @@ Status Player::show_step(std::size_t step) {
     return changed;
   }
   step_ = step;
-  return set_function(*rasterizer_, scene_, *streamer_);
+  std::vector<Surface> surfaces = surfaces_.all;
+  SPLATVOL_TRY(add_values(surfaces, streamer_->volume(), surfaces_.all));
+  take_surfaces(std::move(surfaces));
+  SPLATVOL_TRY_ASSIGN(of_splats, scene_of_splats(scene_, *streamer_));
+  function_of_splats_ = of_splats.transfer_function;
+  return set_function(*rasterizer_, of_splats, *streamer_);
 }
 
 // If a file cannot be opened, all stays as it was. If the streamer cannot change, the step is lost.
@@ -310,35 +302,26 @@ Status Player::change_step(std::size_t step) {
     SPLATVOL_TRY(read_boundary_of(*volume));
   }
   is_lost_ = true;
-  drop_cells();
+  cells_.drop();
   SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
   is_lost_ = false;
-  if (const auto ahead = std::move(cells_ahead_); ahead && ahead->step() == step) {
-    ahead->stop();
-    auto [of, kept] = ahead->take();
-    kept_volume_ = std::move(of), kept_cells_ = std::move(kept);
-  }
+  cells_.take_ahead(step);
+  ++revision_;
   return {};
-}
-
-void Player::drop_cells() {
-  cells_.reset();
-  kept_cells_.reset();
-  kept_volume_.reset();
 }
 
 // The files of a series have boundaries of their own.
 std::vector<Surface> Player::surfaces_of_all_steps() const {
-  if (!steps_.are_files()) return surfaces_;
+  if (!steps_.are_files()) return surfaces_.all;
   std::vector<Surface> of_files;
-  std::ranges::copy_if(surfaces_, std::back_inserter(of_files),
+  std::ranges::copy_if(surfaces_.all, std::back_inserter(of_files),
                        [](const Surface& surface) { return surface.style.boundary.empty(); });
   return of_files;
 }
 
 Status Player::read_boundary_of(const format::Volume& volume) {
   const std::vector<Surface> kept = surfaces_of_all_steps();
-  if (kept.size() == surfaces_.size()) return {};
+  if (kept.size() == surfaces_.all.size()) return {};
   SPLATVOL_TRY_ASSIGN(
       read, read_scene_surfaces(scene_.surfaces, volume, options_.read_surface, memory_->patches.capacity(), kept));
   take_surfaces(std::move(read));
@@ -347,16 +330,7 @@ Status Player::read_boundary_of(const format::Volume& volume) {
 
 void Player::read_ahead(std::size_t step, bool with_cells) {
   if (step >= steps_.times().size() || step == step_) return;
-  const bool are_ahead = cells_ahead_ && cells_ahead_->step() == step;
-  if (with_cells && !are_ahead && has_cells() && !streamer_->volume().is_far()) {
-    cells_ahead_.reset();
-    const bool is_other = kept_cells_ && &kept_cells_->share() == &memory_->next_cells;
-    MemoryShare& share = is_other ? memory_->cells : memory_->next_cells;
-    const PartRoom room = steps_.are_files() ? room_in(memory_->table, share) : streamer_->room().in(share);
-    cells_ahead_share_ = &share;
-    cells_ahead_ = std::make_unique<StepAhead<StepCells>>(
-        step, [steps = steps_, step, scene = scene_, room] { return read_cells(steps, step, scene, room); });
-  }
+  if (with_cells && has_cells()) cells_.read_ahead(steps_, step, scene_);
   if (!steps_.are_files()) return streamer_->prefetch_step(step);
   if (ahead_ && ahead_->step() == step) return;
   // Only its preamble: another mesh has other parts in view.
@@ -364,7 +338,7 @@ void Player::read_ahead(std::size_t step, bool with_cells) {
 }
 
 bool Player::is_reading_ahead() const {
-  return (ahead_ && !ahead_->is_done()) || (cells_ahead_ && !cells_ahead_->is_done()) || streamer_->is_prefetching();
+  return (ahead_ && !ahead_->is_done()) || cells_.is_reading_ahead() || streamer_->is_prefetching();
 }
 
 std::uint64_t Player::device_splats() const {
@@ -374,24 +348,29 @@ std::uint64_t Player::device_splats() const {
 View Player::view_now() const {
   View view = view_;
   const double distance = glm::length(scene_.camera.focal_point - scene_.camera.position);
-  if (is_nudged_) view.eye += 1e-9 * distance * view.right;
+  if (asked_.is_nudged) view.eye += 1e-9 * distance * view.right;
   return view;
 }
 
-Status Player::choose(const FrameRequest& request) {
+tl::unexpected<Error> Player::fail_lost() const {
+  return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
+}
+
+Status Player::choose(const Detail& asked, std::optional<double> wait_seconds) {
   const Call call(*this);
   const auto start = Clock::now();
   frame_ = nullptr;
-  if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
-  request_ = request;
-  Detail detail = request.detail;
+  if (is_lost_) return fail_lost();
+  asked_.detail = asked;
+  asked_.seconds = wait_seconds;
+  Detail detail = asked;
   detail.device_splats = std::min(detail.device_splats, device_splats());
   if (detail.device_splats == 0)
     return fail(ErrorCode::out_of_budget, "{} bytes of GPU memory are too few for a picture of {} x {} pixels",
                 options_.gpu_memory, scene_.width, scene_.height);
-  auto chosen = request.wait_seconds
-                    ? streamer_->advance(view_now(), transfer_of(scene_), detail, *request.wait_seconds)
-                    : streamer_->request(view_now(), transfer_of(scene_), detail);
+  const Transfer transfer(function_of_splats_, scene_.opacity ? &scene_.opacity->function : nullptr);
+  auto chosen = wait_seconds ? streamer_->advance(view_now(), transfer, detail, *wait_seconds)
+                             : streamer_->request(view_now(), transfer, detail);
   SPLATVOL_TRY(call.check());
   if (!chosen) return tl::unexpected(chosen.error());
   frame_ = *chosen;
@@ -408,14 +387,13 @@ Status Player::set_draw_list() {
     if (set.error().code != ErrorCode::out_of_budget || frame_->splats >= before) return set;
     before = frame_->splats;
     room_ = std::max<std::uint64_t>(std::min(device_splats(), frame_->splats) / 8 * 7, 1);
-    SPLATVOL_TRY(choose(request_));
+    SPLATVOL_TRY(choose(Detail(asked_.detail), asked_.seconds));
   }
 }
 
-Status Player::draw(const DrawOptions& options) {
+Status Player::draw_chosen(int sample_spacing) {
   if (!frame_) return fail(ErrorCode::invalid_argument, "{}: no splats are chosen to be drawn", steps_.name());
-  draw_options_ = options;
-  if (shows_contours()) return fail_without_contours();
+  asked_.sample_spacing = sample_spacing;
   const auto start = Clock::now();
   const double chosen_in = times_.frame;
   exact_.reset();
@@ -423,8 +401,8 @@ Status Player::draw(const DrawOptions& options) {
   const double set_seconds = seconds_since(start);
   const View view = view_now();
   sort_ = sort_of(options_.drawing);
-  sample_spacing_ = options.sample_spacing > 0
-                        ? options.sample_spacing
+  sample_spacing_ = sample_spacing > 0
+                        ? sample_spacing
                         : options_.drawing.sample_spacing.value_or(automatic_sample_spacing(view, frame_->detail));
   SPLATVOL_TRY_ASSIGN(times, shows_surfaces() ? draw_with_surfaces(view) : draw_volume(view));
   times.upload += set_seconds;
@@ -433,32 +411,20 @@ Status Player::draw(const DrawOptions& options) {
   return {};
 }
 
-// Nothing that the scene shows is missing in silence.
-Status Player::fail_without_contours() const {
-  if (has_cells())
-    return fail(ErrorCode::invalid_argument,
-                "{}: splats have no contours: draw it exactly, with no option for splats, OpenGL or frames on the way",
-                steps_.name());
-  return fail(ErrorCode::invalid_argument,
-              "{}: it keeps no cells, and only these have contours: build it from a mesh, or from points by "
-              "--connectivity delaunay, without --drop-cells, or show an isovalue",
-              steps_.name());
-}
-
 Result<FrameTimes> Player::draw_volume(const View& view) {
   picture_.reset();
-  if (surface_depths_) sample_spacing_ = 1;
+  if (surfaces_.depths) sample_spacing_ = 1;
   return rasterizer_->draw(view, sort_, sample_spacing_);
 }
 
 // Finds the layers of surfaces, and of slices unless cells have their values.
 void Player::lay_surfaces(const View& view, bool has_slices) {
   if (has_slices && !view.slices.empty()) {
-    surface_layers_ = draw_surfaces(surfaces_, draw_slices(view), view);
-    surfaces_view_.reset();
-  } else if (surfaces_view_ != view) {
-    surface_layers_ = draw_surfaces(surfaces_, {}, view);
-    surfaces_view_ = view;
+    surfaces_.layers = draw_surfaces(surfaces_.all, draw_slices(view), view);
+    surfaces_.view.reset();
+  } else if (surfaces_.view != view) {
+    surfaces_.layers = draw_surfaces(surfaces_.all, {}, view);
+    surfaces_.view = view;
   }
 }
 
@@ -468,12 +434,12 @@ Result<FrameTimes> Player::draw_with_surfaces(const View& view) {
   double volume_seconds = 0;
   lay_surfaces(view, true);
   times_.surfaces = seconds_since(start);
-  if (surface_layers_.layers.empty()) return draw_volume(view);
+  if (surfaces_.layers.layers.empty()) return draw_volume(view);
   picture_.reset();
   FrameTimes sum;
   SurfaceComposite composite;
   const Status drawn = [&]() -> Status {
-    for (const SurfaceLayer& layer : surface_layers_.layers) {
+    for (const SurfaceLayer& layer : surfaces_.layers.layers) {
       // The layer outlives the drawing: it need not be shared.
       SPLATVOL_TRY(rasterizer_->set_surface_depths({std::shared_ptr<void>(), &layer.depths}));
       sample_spacing_ = 1;
@@ -508,42 +474,23 @@ std::vector<SlicePicture> Player::draw_slices(const View& view) const {
 
 bool Player::has_cells() const { return !is_lost_ && format::CellReader::has_cells(streamer_->volume()); }
 
-Result<std::shared_ptr<const KeptCells>> Player::kept_cells() {
-  if (is_lost_) return fail(ErrorCode::io, "{}: could not be opened again", steps_.name());
-  if (kept_cells_ && kept_cells_->color_attribute() != contours_of(scene_).attribute) drop_cells();
-  if (!kept_cells_) {
-    kept_volume_ = streamer_->shared_volume();
-    const bool is_taken = cells_ahead_ && cells_ahead_share_ == &memory_->cells;
-    MemoryShare& share = is_taken ? memory_->next_cells : memory_->cells;
-    SPLATVOL_TRY_SET(kept_cells_, KeptCells::open(*kept_volume_, scene_, streamer_->room().in(share)));
-  }
-  return kept_cells_;
-}
-
 Status Player::hold_cells() {
   const Call call(*this);
-  SPLATVOL_TRY_ASSIGN(kept, kept_cells());
+  if (is_lost_) return fail_lost();
+  SPLATVOL_TRY_ASSIGN(kept, cells_.kept(scene_));
   return kept->hold_all();
 }
 
 std::function<Status()> Player::cells_reader() {
-  if (!has_cells() || streamer_->volume().is_far() || holds_cells()) return {};
-  const auto kept = kept_cells();
-  if (!kept || !(*kept)->may_hold_all()) return {};
-  return [memory = memory_, volume = kept_volume_, cells = *kept] { return cells->hold_all(); };
+  return has_cells() ? cells_.reader(scene_) : std::function<Status()>();
 }
 
-bool Player::holds_cells() const {
-  return kept_cells_ && kept_cells_->are_held() && kept_cells_->color_attribute() == contours_of(scene_).attribute;
-}
+bool Player::holds_cells() const { return cells_.are_held(scene_); }
 
 // The cells in the view.
 Result<std::shared_ptr<const FileCells>> Player::open_cells() {
-  SPLATVOL_TRY(kept_cells());
-  // An estimate and the pictures of a view at rest read the entries of chunks once.
-  if (!cells_ || !cells_->are_of(kept_cells_, scene_, view_))
-    SPLATVOL_TRY_SET(cells_, FileCells::open(kept_cells_, scene_, view_));
-  return cells_;
+  if (is_lost_) return fail_lost();
+  return cells_.in_view(scene_, view_, revision_);
 }
 
 Result<ExactPicture> Player::estimate_exact() {
@@ -560,14 +507,7 @@ float Player::refined_difference() const {
   return shows_contours() || !view_.slices.empty() ? visible : 0;
 }
 
-// What waits while cells are drawn has its share from the first time on: the memory stays between pictures.
-std::uint64_t Player::sweep_memory() {
-  if (sweep_room_.bytes() == 0)
-    if (auto room = memory_->sweep.reserve(memory_->sweep.capacity())) sweep_room_ = std::move(*room);
-  return sweep_room_.bytes();
-}
-
-Status Player::draw_exact(const std::function<void(double)>& progress, int sample_spacing) {
+Status Player::draw_cells(int sample_spacing, const DrawProgress& progress) {
   const Call call(*this);
   exact_.reset();
   const auto start = Clock::now();
@@ -581,22 +521,19 @@ Status Player::draw_exact(const std::function<void(double)>& progress, int sampl
   const auto draw_start = Clock::now();
   const int spacing = sample_spacing > 0 ? sample_spacing : options_.drawing.sample_spacing.value_or(1);
   sample_spacing_ = layers.empty() ? spacing : 1;
-  auto drawn = cell_rasterizer_.draw(*cells,
-                                     {.view = view_,
-                                      .transfer = transfer_of(scene_),
-                                      .lighting = scene_.lighting,
-                                      .contours = contours_of(scene_),
-                                      .layers = std::move(layers),
-                                      .sample_spacing = sample_spacing_,
-                                      .refined_difference = refined_difference(),
-                                      .memory = sweep_memory(),
-                                      .progress = progress},
-                                     std::exchange(spare_picture_, {}));
+  auto drawn = cells_.draw(*cells, {.view = view_,
+                                    .transfer = transfer_of(scene_),
+                                    .lighting = scene_.lighting,
+                                    .contours = contours_of(scene_),
+                                    .layers = std::move(layers),
+                                    .sample_spacing = sample_spacing_,
+                                    .refined_difference = refined_difference(),
+                                    .progress = progress});
   SPLATVOL_TRY(call.check());
   if (!drawn && drawn.error().code == ErrorCode::out_of_budget)
     return fail_in(streamer_->volume().name(), drawn.error());
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
-  if (picture_) spare_picture_ = std::move(*picture_);
+  if (picture_) cells_.reuse(std::move(*picture_));
   picture_ = std::move(picture.image);
   exact_ = ExactPicture{picture.segments, cells->chunks().size(), cells->tetrahedra(), cells->unknown_cells()};
   times_.draw.draw = seconds_since(draw_start);
@@ -616,72 +553,137 @@ Result<const Image*> Player::image_or_copy(Image& copy) const {
   return &copy;
 }
 
-Status Player::draw_frame(const FrameRequest& request, const DrawOptions& options) {
+Outcome Player::outcome() const {
+  if (exact_) return {.recipe = Recipe::of_cells(sample_spacing_), .segments = static_cast<double>(exact_->segments)};
+  const FrameSplats& frame = *frame_;
+  Outcome outcome{.recipe = {frame.detail, sample_spacing_},
+                  .splats = frame.splats,
+                  .finest = frame.finest,
+                  .fragments = times_.draw.fragments};
+  outcome.recipe.splats->device_splats = Detail().device_splats;
+  if (frame.progress.complete) outcome.expected_error = frame.goal_error;
+  // Of a complete frame counts what was allowed: the next finer cut may have many times as many splats.
+  if (!frame.progress.settled)
+    outcome.recipe = Recipe::of_splats(std::max<std::uint64_t>(frame.splats, 1), sample_spacing_);
+  return outcome;
+}
+
+Result<Outcome> Player::draw(const Recipe& recipe, std::optional<double> wait_seconds, const DrawProgress& progress) {
   const Call call(*this);
-  SPLATVOL_TRY(choose(request));
-  return draw(options);
+  if (recipe.is_exact()) {
+    SPLATVOL_TRY(draw_cells(recipe.sample_spacing, progress));
+  } else {
+    SPLATVOL_TRY(choose(*recipe.splats, wait_seconds));
+    SPLATVOL_TRY(draw_chosen(recipe.sample_spacing));
+  }
+  return outcome();
+}
+
+// Draws splats of parts that are there or come in time.
+Result<Outcome> Player::draw_in(const Recipe& recipe, double seconds) {
+  const auto start = Clock::now();
+  double draw_seconds = 0;
+  if (recipe.is_exact()) {
+    SPLATVOL_TRY(draw_cells(recipe.sample_spacing, {}));
+    draw_seconds = times_.frame - times_.surfaces;
+  } else {
+    SPLATVOL_TRY(choose(*recipe.splats, 0));
+    if (!frame_->progress.settled) {
+      const double share =
+          std::min(1.0, static_cast<double>(frame_->splats) / static_cast<double>(recipe.most_splats()));
+      const double wait_seconds = seconds - seconds_since(start) - share * drawing_share * seconds;
+      if (wait_seconds > 0) SPLATVOL_TRY(choose(*recipe.splats, wait_seconds));
+    }
+    const auto draw_start = Clock::now();
+    SPLATVOL_TRY(draw_chosen(recipe.sample_spacing));
+    draw_seconds = seconds_since(draw_start) - times_.surfaces;
+  }
+  Outcome drawn = outcome();
+  drawn.seconds = draw_seconds;
+  return drawn;
+}
+
+// Draws a picture again, from a place too near to be seen apart: a frame of a moving camera, to be timed. The last one
+// is of the view itself.
+Result<Outcome> Player::draw_steadily(const Recipe& recipe) {
+  asked_.is_nudged = !recipe.is_exact();
+  SPLATVOL_TRY(draw(recipe));
+  SPLATVOL_TRY(draw_again());
+  Outcome drawn = outcome();
+  drawn.seconds = times_.frame - times_.surfaces;
+  return drawn;
+}
+
+Result<bool> Player::draw_next(Chooser& chooser) {
+  const Call call(*this);
+  Chooser::Needs needs = chooser.needs();
+  if (!may_draw_cells()) needs.cells = Chooser::Cells::none;
+  SPLATVOL_TRY_ASSIGN(choices, this->choices(needs));
+  const bool will_hold = choices.cells && cells_.may_be_held(scene_) &&
+                         (needs.cells == Chooser::Cells::all || !streamer_->volume().is_far());
+  if (will_hold) choices.cells->unread = 0;
+  const std::optional<Recipe> recipe = chooser.next(choices);
+  if (!recipe) return false;
+  if (recipe->is_exact() && will_hold) SPLATVOL_TRY(hold_cells());
+  SPLATVOL_TRY_ASSIGN(drawn, needs.steady_time ? draw_steadily(*recipe)
+                             : needs.seconds   ? draw_in(*recipe, *needs.seconds)
+                                               : draw(*recipe));
+  Image copy;
+  if (needs.picture) SPLATVOL_TRY_SET(drawn.picture, image_or_copy(copy));
+  chooser.add(drawn, choices);
+  return true;
+}
+
+Status Player::draw_all(Chooser& chooser) {
+  const Call call(*this);
+  for (bool goes_on = true; goes_on;) SPLATVOL_TRY_SET(goes_on, draw_next(chooser));
+  return {};
 }
 
 Result<ChosenQuality> Player::default_quality() {
   const ChosenQuality splats{default_splats(info().point_count())};
   if (!may_draw_cells()) return splats;
-  if (shows_contours()) return ChosenQuality{{.exact = true}};
-  SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (const double segments = estimate.counted_segments(); segments > most_exact_segments)
-    return ChosenQuality{splats.quality, static_cast<std::uint64_t>(segments)};
-  if (estimate.unknown_cells > 0) return splats;
-  return ChosenQuality{{.exact = true}};
+  SPLATVOL_TRY_ASSIGN(choices, this->choices({.cells = Chooser::Cells::all}));
+  if (!choices.cells) return splats;
+  if (spacing_of_cells(choices) > 0) return ChosenQuality{{.exact = true}};
+  const double segments = choices.cells->segment_work * choices.cells->segments;
+  return ChosenQuality{splats.quality, static_cast<std::uint64_t>(segments)};
 }
 
-Result<DrawnPicture> Player::draw_picture(const Quality& quality, const std::function<void(double)>& progress) {
+Result<DrawnPicture> Player::draw_picture(const Quality& quality, const DrawProgress& progress) {
   SPLATVOL_TRY(check_quality(quality));
   const Call call(*this);
   const bool is_default = quality == Quality();
   DrawnPicture drawn{{quality}};
   if (is_default) SPLATVOL_TRY_SET(drawn.chosen, default_quality());
-  if (drawn.chosen.quality.exact) {
-    motion_.rest();
-    SPLATVOL_TRY(draw_exact(progress));
-    return drawn;
-  }
-  const Quality& splats = drawn.chosen.quality;
-  const bool is_of_motion = splats.milliseconds && splats.max_error;
+  const Quality& chosen = drawn.chosen.quality;
+  const bool is_of_motion = chosen.milliseconds && chosen.max_error;
   if (!is_of_motion) motion_.rest();
-  if (is_of_motion)
-    SPLATVOL_TRY(draw_moving({*splats.max_error, 1e-3 * *splats.milliseconds}));
-  else if (splats.milliseconds)
-    SPLATVOL_TRY(draw_within(1e-3 * *splats.milliseconds));
-  else if (splats.max_error)
-    SPLATVOL_TRY_SET(drawn.search, draw_to_error(*splats.max_error, is_default));
-  else if (is_default && options_.drawing == Drawing())
+  if (chosen.exact) {
+    SPLATVOL_TRY(draw(Recipe::of_cells(), {}, progress));
+  } else if (is_of_motion) {
+    motion_.set_limits({*chosen.max_error, 1e-3 * *chosen.milliseconds});
+    SPLATVOL_TRY(draw_next(motion_));
+  } else if (chosen.milliseconds) {
+    pacer_.set_seconds(drawing_share * 1e-3 * *chosen.milliseconds);
+    SPLATVOL_TRY(draw_next(pacer_));
+  } else if (chosen.max_error) {
+    SPLATVOL_TRY_SET(drawn.search, draw_to_error(*chosen.max_error, is_default));
+  } else if (is_default && options_.drawing == Drawing()) {
     SPLATVOL_TRY_SET(drawn.search, draw_all_points());
-  else
-    SPLATVOL_TRY(draw_frame({.detail = expected_detail(splats)}));
+  } else {
+    SPLATVOL_TRY(draw({expected_detail(chosen)}));
+  }
   return drawn;
 }
 
 // Draws all points, and finds out what error they have.
 Result<std::optional<ErrorSearch>> Player::draw_all_points() {
-  SPLATVOL_TRY_ASSIGN(rays, draw_rays());
-  std::vector<Image> coarser;
-  for (std::size_t before = 2; before > 0 && !rays && info().resolutions() > 2; --before) {
-    SPLATVOL_TRY(draw_frame({.detail = {.resolution = info().resolutions() - 1 - before}}));
-    SPLATVOL_TRY_ASSIGN(picture, image());
-    coarser.push_back(std::move(picture));
-  }
-  SPLATVOL_TRY(draw_frame({.detail = {.tolerance_percent = 0}}));
-  Image copy;
-  SPLATVOL_TRY_ASSIGN(picture, image_or_copy(copy));
-  ErrorSearch search;
-  search.pictures = static_cast<int>(coarser.size()) + 1;
-  if (rays)
-    search.estimate = {.error = error_at(rays->rays, *picture), .reached = true, .measured = true};
-  else if (!coarser.empty())
-    search.estimate = {.error = error_of_all_points(*picture, coarser[1], coarser[0]), .reached = true};
-  else
-    return std::nullopt;
-  search.estimate.file_error = search.estimate.error;
-  return search;
+  SPLATVOL_TRY_ASSIGN(drawn, draw_rays());
+  AllPoints all(info().resolutions(), drawn ? std::optional(std::move(drawn->rays)) : std::nullopt);
+  SPLATVOL_TRY(draw_all(all));
+  if (!all.estimate()) return std::nullopt;
+  return ErrorSearch{.estimate = *all.estimate(), .tried = {}, .pictures = all.pictures()};
 }
 
 bool Player::may_draw_cells() const {
@@ -690,51 +692,46 @@ bool Player::may_draw_cells() const {
   return !wants_splats && has_cells();
 }
 
-Result<Choices> Player::choices(bool with_cells, int widest_spacing) {
-  Choices choices{.points = std::clamp<std::uint64_t>(info().point_count(), 1, device_splats()),
-                  .pixels = static_cast<double>(scene_.width) * scene_.height};
-  choices.has_splats = !shows_contours();
-  if (has_layers()) {
-    choices.least_splats = least_among_surfaces;
-    choices.widest_spacing = 1;
-    if (choices.has_splats) return choices;
-    widest_spacing = 1;
-  }
-  choices.finest_spacing = options_.drawing.sample_spacing.value_or(1);
-  choices.widest_spacing = std::max(choices.finest_spacing, widest_spacing);
-  if (!with_cells) return choices;
-  SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (estimate.unknown_cells == 0 || !choices.has_splats) choices.cells = estimate.counts();
-  return choices;
-}
-
-Result<Choices> Player::moving_choices(bool with_cells) {
+Result<Choices> Player::choices(const Chooser::Needs& needs) {
+  const int finest_spacing = options_.drawing.sample_spacing.value_or(1);
   Choices choices{.points = std::clamp<std::uint64_t>(info().point_count(), 1, device_splats()),
                   .least_splats = has_layers() ? least_among_surfaces : 1,
-                  .finest_spacing = options_.drawing.sample_spacing.value_or(1),
+                  .finest_spacing = has_layers() ? 1 : finest_spacing,
+                  .widest_spacing = has_layers() ? 1 : std::max(finest_spacing, needs.widest_spacing),
                   .pixels = static_cast<double>(scene_.width) * scene_.height,
+                  .surfaces_seconds = has_layers() ? times_.surfaces : 0,
                   .direction = view_.forward};
-  choices.widest_spacing = std::max(choices.finest_spacing, widest_moving_samples);
-  if (shows_contours()) choices.added_error = error_without_contours;
-  if (!with_cells || !holds_cells()) return choices;
+  const bool has_contours = shows_contours();
+  if (has_contours)
+    choices.added_error = error_of_shells;
+  else
+    choices.most_segments = most_exact_segments;
+  const bool may_read = needs.cells == Chooser::Cells::all || !streamer_->volume().is_far() || holds_cells();
+  if (needs.cells == Chooser::Cells::none || (!may_read && !has_contours)) return choices;
+  SPLATVOL_TRY_ASSIGN(cells, open_cells());
+  const auto unread = static_cast<double>(cells->unread_tetrahedra());
   SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-  if (estimate.unknown_cells == 0) choices.cells = estimate.counts();
+  if (estimate.unknown_cells > 0 && !has_contours) return choices;
+  choices.cells = estimate.counts();
+  choices.cells->unread = unread;
+  choices.has_splats = !has_contours;  // where cells can be drawn, contours are no shells
   return choices;
 }
 
-Result<std::optional<MotionControl::Outcome>> Player::try_splats(const Rung& rung) {
+Result<std::optional<Outcome>> Player::try_splats(const Recipe& recipe) {
   constexpr double wait_seconds = 0.1;
   const Call call(*this);
   if (!exact_ || !picture_) return fail(ErrorCode::invalid_argument, "{}: no exact picture is there", steps_.name());
   // Drawing replaces what is known of the last picture.
   Image exact = *std::exchange(picture_, std::nullopt);
   const auto before = std::tuple(exact_, sample_spacing_, times_);
-  const auto drawn = [&]() -> Result<std::optional<MotionControl::Outcome>> {
-    SPLATVOL_TRY(choose({.detail = detail_of(rung), .wait_seconds = wait_seconds}));
+  const auto drawn = [&]() -> Result<std::optional<Outcome>> {
+    SPLATVOL_TRY(choose(*recipe.splats, wait_seconds));
     if (!frame_->progress.settled) return std::nullopt;
     const auto start = Clock::now();
-    SPLATVOL_TRY(draw({.sample_spacing = rung.sample_spacing}));
-    MotionControl::Outcome outcome{counted(rung), times_.draw.fragments, seconds_since(start), frame_->goal_error};
+    SPLATVOL_TRY(draw_chosen(recipe.sample_spacing));
+    Outcome outcome = this->outcome();
+    outcome.seconds = seconds_since(start);
     SPLATVOL_TRY_ASSIGN(picture, image());
     SPLATVOL_TRY_ASSIGN(difference, compare_images(picture, exact));
     outcome.error = difference.rmse;
@@ -745,78 +742,14 @@ Result<std::optional<MotionControl::Outcome>> Player::try_splats(const Rung& run
   return drawn;
 }
 
-Rung Player::counted(const Rung& rung) const {
-  if (frame_->progress.settled) return rung;
-  return {std::max<std::uint64_t>(frame_->splats, 1), rung.sample_spacing};
-}
-
-Status Player::draw_within(double seconds) {
-  if (pacer_.seconds() != drawing_share * seconds) pacer_.leap();
-  pacer_.set_seconds(drawing_share * seconds);
-  const int widest_spacing = options_.drawing.sample_spacing.value_or(widest_samples_in_a_time);
-  if (shows_contours()) SPLATVOL_TRY(hold_contours());
-  SPLATVOL_TRY_ASSIGN(choices, this->choices(may_draw_cells() && (holds_cells() || shows_contours()), widest_spacing));
-  const Rung rung = pacer_.next(choices);
-  SPLATVOL_TRY_ASSIGN(drawn, draw_rung(rung, seconds));
-  pacer_.add(drawn.rung, choices, drawn.fragments, drawn.seconds);
-  return {};
-}
-
-// The first picture waits for cells, so that those after it need not read.
-Status Player::draw_moving(const MotionLimits& limits) {
-  motion_.set_limits(limits);
-  if (may_draw_cells())
-    if (const auto read = cells_reader()) SPLATVOL_TRY(read());
-  if (shows_contours()) SPLATVOL_TRY(hold_contours());
-  SPLATVOL_TRY_ASSIGN(choices, moving_choices(may_draw_cells()));
-  if (has_layers()) choices.widest_spacing = choices.finest_spacing = 1;
-  if (shows_contours()) {
-    SPLATVOL_TRY_ASSIGN(estimate, estimate_exact());
-    choices.cells = estimate.counts();
-    choices.has_splats = false;
-  } else {
-    choices.most_segments = most_exact_segments;
-  }
-  SPLATVOL_TRY_ASSIGN(drawn, draw_rung(motion_.next(choices), limits.seconds));
-  motion_.add(drawn, choices);
-  return {};
-}
-
-// Only cells have contours, whatever the time: they are read before it counts, if memory has room for them.
-Status Player::hold_contours() {
-  if (!may_draw_cells()) return fail_without_contours();
-  if (const auto read = cells_reader()) SPLATVOL_TRY(read());
-  return {};
-}
-
-// Draws a rung. Splats are of parts that are there or come in time.
-Result<MotionControl::Outcome> Player::draw_rung(const Rung& rung, double seconds) {
-  const auto start = Clock::now();
-  if (rung.is_exact()) {
-    SPLATVOL_TRY(draw_exact({}, rung.sample_spacing));
-    return MotionControl::Outcome{.rung = rung, .seconds = times_.frame};
-  }
-  FrameRequest request{.detail = detail_of(rung), .wait_seconds = 0};
-  SPLATVOL_TRY(choose(request));
-  if (!frame_->progress.settled) {
-    const double share = std::min(1.0, static_cast<double>(frame_->splats) / static_cast<double>(rung.splats));
-    request.wait_seconds = seconds - seconds_since(start) - share * drawing_share * seconds;
-    if (*request.wait_seconds > 0) SPLATVOL_TRY(choose(request));
-  }
-  const auto draw_start = Clock::now();
-  SPLATVOL_TRY(draw({.sample_spacing = rung.sample_spacing}));
-  const auto model = frame_->progress.complete ? std::optional(frame_->goal_error) : std::nullopt;
-  return MotionControl::Outcome{counted(rung), times_.draw.fragments, seconds_since(draw_start), model};
-}
-
 // What other programs and the scene's surfaces hide of the volume, and how. Slices are among the cells.
 Result<std::vector<CellLayer>> Player::lay_cells() {
   lay_surfaces(view_, false);
   std::vector<CellLayer> layers;
-  for (const SurfaceLayer& layer : surface_layers_.layers) layers.push_back({&layer.depths, &layer.light});
-  if (layers.empty() && surface_depths_) {
-    SPLATVOL_TRY(check_size(*surface_depths_, view_));
-    layers.push_back({surface_depths_.get()});
+  for (const SurfaceLayer& layer : surfaces_.layers.layers) layers.push_back({&layer.depths, &layer.light});
+  if (layers.empty() && surfaces_.depths) {
+    SPLATVOL_TRY(check_size(*surfaces_.depths, view_));
+    layers.push_back({surfaces_.depths.get()});
   }
   return layers;
 }
@@ -835,11 +768,9 @@ Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
       layers_at_rays(layers, view, pixels_of_rays(view_.width, view_.height, spacing));
   for (std::size_t i = 0; i < layers.size(); ++i)
     layers[i] = {&at_rays[i].depths, layers[i].light ? &at_rays[i].light : nullptr};
-  auto drawn = cell_rasterizer_.draw(*cells, {.view = view,
-                                              .transfer = transfer_of(scene_),
-                                              .lighting = scene_.lighting,
-                                              .layers = std::move(layers),
-                                              .memory = sweep_memory()});
+  auto drawn = cells_.draw(
+      *cells,
+      {.view = view, .transfer = transfer_of(scene_), .lighting = scene_.lighting, .layers = std::move(layers)});
   // A ray has too many cells: finer pictures tell the error.
   if (!drawn && drawn.error().code == ErrorCode::out_of_budget) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(picture, std::move(drawn));
@@ -858,66 +789,23 @@ Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
                               .grows = grows,
                               .finest_spacing = finest_spacing,
                               .widest_spacing = may_widen ? widest_samples_of_an_error : finest_spacing,
-                              .pixels = static_cast<double>(scene_.width) * scene_.height};
+                              .pixels = static_cast<double>(scene_.width) * scene_.height,
+                              .resolutions = info().resolutions()};
   SPLATVOL_TRY_ASSIGN(rays, draw_rays());
   if (rays) {
     search.rays = std::move(rays->rays);
     if (may_draw_cells()) search.cells = rays->cells;
   }
   ErrorControl control(max_error, std::move(search));
-  Image copy;
-  while (const auto& next = control.next()) {
-    if (next->exact) {
-      SPLATVOL_TRY(draw_exact({}, next->sample_spacing));
-      control.add({.image = *picture_});
-      continue;
-    }
-    SPLATVOL_TRY(
-        draw_frame({.detail = detail_of(*next, info().resolutions())}, {.sample_spacing = next->sample_spacing}));
-    SPLATVOL_TRY_ASSIGN(picture, image_or_copy(copy));
-    const std::uint64_t allowed = frame_->detail.goal.value_or(ErrorGoal{}).max_splats;
-    control.add({*picture, frame_->splats, frame_->goal_error, frame_->finest, allowed, times_.draw.fragments});
-  }
+  SPLATVOL_TRY(draw_all(control));
   return ErrorSearch{control.estimate(), control.tried(), control.pictures(), control.learned()};
 }
 
-Result<std::vector<Rung>> Player::draw_at_pace(double seconds) {
-  SPLATVOL_TRY(check_time(seconds));
-  constexpr std::size_t most_pictures = 12, most_leaps = 3;
-  const Call call(*this);
-  const int widest_spacing = options_.drawing.sample_spacing.value_or(widest_samples_in_a_time);
-  Pacer pacer(seconds);
-  std::vector<Rung> drawn;
-  while (drawn.size() < most_pictures) {
-    // The first picture tells how fast the machine is.
-    if (shows_contours()) SPLATVOL_TRY(hold_contours());
-    const bool may_be_cells = may_draw_cells() && (shows_contours() || !drawn.empty());
-    SPLATVOL_TRY_ASSIGN(choices, this->choices(may_be_cells, widest_spacing));
-    if (choices.cells && pacer.fits({0, choices.widest_spacing}, choices)) SPLATVOL_TRY(hold_cells());
-    if (!holds_cells() && choices.has_splats) choices.cells.reset();
-    if (drawn.size() < most_leaps) pacer.leap();
-    const Rung rung = pacer.next(choices);
-    if (!drawn.empty() && rung == drawn.back()) break;
-    double fragments = 0;
-    if (rung.is_exact()) {
-      SPLATVOL_TRY(draw_exact({}, rung.sample_spacing));
-      SPLATVOL_TRY(draw_exact({}, rung.sample_spacing));
-    } else {
-      is_nudged_ = true;  // so that the second picture is of the view itself
-      SPLATVOL_TRY(draw_frame({.detail = detail_of(rung)}, {.sample_spacing = rung.sample_spacing}));
-      SPLATVOL_TRY(draw_again());
-      fragments = times_.draw.fragments;
-    }
-    drawn.push_back(rung);
-    pacer.add(rung, choices, fragments, times_.frame);
-  }
-  return drawn;
-}
-
 Status Player::draw_again() {
-  if (exact_) return draw_exact({}, sample_spacing_);
-  is_nudged_ = !is_nudged_;
-  return draw_frame(FrameRequest(request_), draw_options_);
+  if (exact_) return draw_cells(sample_spacing_, {});
+  asked_.is_nudged = !asked_.is_nudged;
+  SPLATVOL_TRY(choose(Detail(asked_.detail), asked_.seconds));
+  return draw_chosen(asked_.sample_spacing);
 }
 
 Result<Box> Player::find_domain() {
@@ -929,8 +817,8 @@ Result<Box> Player::find_domain() {
 }
 
 void Player::cancel() {
-  const std::scoped_lock lock(stop_mutex_);
-  stop_.request_stop();
+  const std::scoped_lock lock(calls_.mutex);
+  calls_.stop.request_stop();
 }
 
 }  // namespace splatvol

@@ -14,11 +14,12 @@
 
 #include "base/error.h"
 #include "format/steps.h"
+#include "player/cell_pictures.h"
 #include "player/error_control.h"
 #include "player/motion_control.h"
 #include "player/pacer.h"
 #include "player/player_memory.h"
-#include "renderer/cpu/cells.h"
+#include "player/recipe.h"
 #include "renderer/device/device.h"
 #include "renderer/rasterizer.h"
 #include "renderer/surfaces/draw_surfaces.h"
@@ -29,9 +30,6 @@
 #include "streamer/store/step_ahead.h"
 
 namespace splatvol {
-
-class FileCells;
-class KeptCells;
 
 struct PlayerOptions {
   std::uint64_t memory = std::uint64_t{512} << 20;    // bytes to hold of what is read, and while it is drawn
@@ -52,19 +50,8 @@ struct PlayerOptions {
   ReadSurface read_surface = {};
 };
 
-/// Of one frame.
-struct DrawOptions {
-  int sample_spacing = 0;  // as in Drawing, whose number it replaces; 0: that of PlayerOptions::drawing
-};
-
-/// What a frame is made of.
-struct FrameRequest {
-  Detail detail = {};
-
-  /// How long to wait for parts of the file, in seconds. Until they come, their places are drawn coarser. None: waits
-  /// for all, and fails if one cannot be read.
-  std::optional<double> wait_seconds = std::nullopt;
-};
+/// Called with the share of a picture of cells that is done, in [0, 1].
+using DrawProgress = std::function<void(double)>;
 
 /// Seconds of the last frame.
 struct PlayerTimes {
@@ -124,12 +111,6 @@ struct PlayerFile {
   std::vector<Surface> surfaces;         // of `scene`
 };
 
-/// The cells of a step that was read ahead. They belong to the volume. Null: they cannot be read.
-struct StepCells {
-  std::shared_ptr<const format::Volume> volume = {};
-  std::shared_ptr<const KeptCells> kept = {};
-};
-
 /// An open file, its scene and a device that draws it. Errors name the file. All calls come from one thread, besides
 /// `cancel`; with a device of OpenGL, its context is current in that thread.
 class Player {
@@ -184,10 +165,6 @@ class Player {
   /// surfaces or slices.
   [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths);
 
-  /// Returns the rung that the last frame of splats counts as for Pacer, if `rung` was asked for. Of a complete frame
-  /// counts what was allowed: the next finer cut may have many times as many splats.
-  [[nodiscard]] Rung counted(const Rung& rung) const;
-
   /// Returns a scene that fits the data; for the best attribute if `attribute` is empty.
   [[nodiscard]] Result<Scene> fitting_scene(const std::string& attribute = "", const FirstPicture& picture = {}) const;
 
@@ -205,15 +182,27 @@ class Player {
   /// Whether `show_step` would wait for what `read_ahead` reads.
   [[nodiscard]] bool is_reading_ahead() const;
 
-  /// Chooses the splats of the next frame, and reads them. Draws nothing. The budgets may make it coarser than asked.
-  [[nodiscard]] Status choose(const FrameRequest& request);
+  /// Chooses the splats of the next picture, and reads them. Draws nothing. The budgets may make it coarser than asked.
+  /// `wait_seconds`: how long to wait for parts of the file. Until they come, their places are drawn coarser. None:
+  /// waits for all, and fails if one cannot be read.
+  [[nodiscard]] Status choose(const Detail& detail, std::optional<double> wait_seconds = std::nullopt);
 
-  /// Draws the chosen splats. If the device has no room for them, chooses fewer. Fails if the scene shows contours:
-  /// splats have none.
-  [[nodiscard]] Status draw(const DrawOptions& options = {});
+  /// Draws the chosen splats. If the device has no room for them, chooses fewer. Splats have no contours: shells of the
+  /// volume stand for them (with_shells). `sample_spacing`: as Recipe has it.
+  [[nodiscard]] Status draw_chosen(int sample_spacing = 0);
 
-  /// Chooses and draws.
-  [[nodiscard]] Status draw_frame(const FrameRequest& request, const DrawOptions& options = {});
+  /// Draws a picture of splats, as `choose` and `draw_chosen`, or the exact one of cells. Cells are drawn on the
+  /// processor, whatever the device; with surfaces, they have a sample in each pixel. Fails if the file keeps no cells,
+  /// and as CellRasterizer::draw. Outcome::seconds is 0.
+  [[nodiscard]] Result<Outcome> draw(const Recipe& recipe, std::optional<double> wait_seconds = std::nullopt,
+                                     const DrawProgress& progress = {});
+
+  /// Draws the next recipe of a chooser, and tells it what came of it. Returns false if there is none. Cells that a
+  /// chooser takes are all read before the time counts, if memory has room for them.
+  [[nodiscard]] Result<bool> draw_next(Chooser& chooser);
+
+  /// Draws until the chooser is done.
+  [[nodiscard]] Status draw_all(Chooser& chooser);
 
   /// Draws the picture of a quality. Where nothing is asked, that is `default_quality`.
   ///
@@ -221,52 +210,39 @@ class Player {
   ///   and the budgets have: splats, or cells if drawing them is less work (ErrorControl). If nothing was asked, it
   ///   ends with the first picture that is fine enough.
   /// - All points, if nothing was asked: measures their error, too.
-  /// - Milliseconds: draws the rung of Pacer's ladder that the device has time for. Cells are drawn only if they are
-  ///   held. Splats are of parts that are there or come in time. Learns the device's speed from call to call, so that
-  ///   the first calls may take longer, or do less. Waits for the coarsest parts, whatever their time.
-  /// - Milliseconds and an error: draws what MotionControl chooses. The first call reads all cells of a near file, if
-  ///   memory has room for them.
+  /// - Milliseconds: draws what Pacer chooses; with an error, what MotionControl does. Splats are of parts that are
+  /// there
+  ///   or come in time. Learns the device's speed from call to call, so that the first calls may take longer, or do
+  ///   less. Waits for the coarsest parts, whatever their time.
   /// - Else: waits for all parts, and fails if one cannot be read.
   ///
-  /// `progress` is called with the share of an exact picture that is done, in [0, 1]. Fails as check_quality and
-  /// draw_exact.
-  [[nodiscard]] Result<DrawnPicture> draw_picture(const Quality& quality,
-                                                  const std::function<void(double)>& progress = {});
+  /// Fails as check_quality and draw.
+  [[nodiscard]] Result<DrawnPicture> draw_picture(const Quality& quality, const DrawProgress& progress = {});
 
   /// Returns what is drawn where nothing is asked, as Quality says: exact cells, or splats. Splats alone for OpenGL,
   /// and where PlayerOptions::drawing tells how to draw them. Contours are exact, whatever the work.
   [[nodiscard]] Result<ChosenQuality> default_quality();
 
-  /// Finds what can be drawn in `seconds`, in a few pictures with all of their parts. Reads all cells if there may be
-  /// time for them. Returns the rungs that were drawn, the picture's at the end. Fails unless `seconds` is finite and
-  /// above 0.
-  [[nodiscard]] Result<std::vector<Rung>> draw_at_pace(double seconds);
-
-  /// Returns what the view has for Pacer. `with_cells`: estimates cells, and offers them if they can be drawn.
-  /// `widest_spacing`: of samples, unless PlayerOptions::drawing has a wider one. With surfaces or slices it is 1.
-  [[nodiscard]] Result<Choices> choices(bool with_cells, int widest_spacing = widest_samples_in_a_time);
-
-  /// Returns what the view has for MotionControl, with cells if they are held.
-  [[nodiscard]] Result<Choices> moving_choices(bool with_cells);
+  /// Returns what the view has. Estimates cells, if they are needed and can be drawn. With surfaces or slices,
+  /// `widest_spacing` is 1.
+  [[nodiscard]] Result<Choices> choices(const Chooser::Needs& needs);
 
   /// Draws splats beside the last exact picture, which stays, and measures their error against it. Returns nothing if
   /// parts of the file are missing. Chooses splats anew. Requires a rasterizer of the processor.
-  [[nodiscard]] Result<std::optional<MotionControl::Outcome>> try_splats(const Rung& rung);
-
-  /// Draws the exact picture of the cells that the file keeps: on the processor, whatever the device. `progress` is
-  /// called with the share that is done, in [0, 1]. `sample_spacing`: as in DrawOptions; with surfaces 1. Fails if the
-  /// file keeps no cells, and as CellRasterizer::draw.
-  [[nodiscard]] Status draw_exact(const std::function<void(double)>& progress = {}, int sample_spacing = 0);
+  [[nodiscard]] Result<std::optional<Outcome>> try_splats(const Recipe& recipe);
 
   /// Returns from which difference on wide samples of cells are refined in the present scene, as CellDrawing's. 0:
   /// never.
   [[nodiscard]] float refined_difference() const;
 
-  /// Tells of `draw_exact` how many chunks and about how many pieces of rays it draws. Reads what chunks the file has.
-  /// Fails if it keeps no cells.
+  /// Tells of a picture of cells how many chunks and about how many pieces of rays it draws. Reads what chunks the file
+  /// has. Fails if it keeps no cells.
   [[nodiscard]] Result<ExactPicture> estimate_exact();
 
-  /// Whether the scene shows contours: only exact pictures have them.
+  /// Whether shells stand for contours in the last picture.
+  [[nodiscard]] bool shows_shells() const { return shows_contours() && !exact_; }
+
+  /// Whether the scene shows contours: only cells have them.
   [[nodiscard]] bool shows_contours() const { return !contours_of(scene_).surfaces.empty(); }
 
   /// Whether the file keeps cells.
@@ -299,15 +275,18 @@ class Player {
   /// Returns what is known of the last picture if it is exact; else nothing.
   [[nodiscard]] const std::optional<ExactPicture>& exact() const { return exact_; }
 
-  /// Returns the request of the last frame.
-  [[nodiscard]] const FrameRequest& request() const { return request_; }
+  /// Returns what came of the last picture, without its time. Requires one.
+  [[nodiscard]] Outcome outcome() const;
+
+  /// Returns the detail that was asked for in the last frame.
+  [[nodiscard]] const Detail& asked_detail() const { return asked_.detail; }
 
   /// Returns how the last frame was drawn.
   [[nodiscard]] SortMode sort() const { return sort_; }
   [[nodiscard]] int sample_spacing() const { return sample_spacing_; }
   [[nodiscard]] const PlayerTimes& times() const { return times_; }
 
-  /// Returns the picture of the last `draw` or `draw_exact` with its surfaces and slices.
+  /// Returns the picture of the last `draw` with its surfaces and slices.
   [[nodiscard]] DevicePicture picture() const { return picture_ ? &*picture_ : rasterizer_->picture(); }
 
   /// Returns a copy of it, in linear premultiplied RGBA.
@@ -321,7 +300,10 @@ class Player {
   [[nodiscard]] bool has_drawn_surfaces() const { return picture_.has_value(); }
 
   /// Whether layers of translucent surfaces were joined in the last picture (draw_surfaces).
-  [[nodiscard]] bool has_joined_surfaces() const { return picture_ && surface_layers_.is_joined; }
+  [[nodiscard]] bool has_joined_surfaces() const { return picture_ && surfaces_.layers.is_joined; }
+
+  /// Returns the surfaces of the scene.
+  [[nodiscard]] const std::vector<Surface>& surfaces() const { return surfaces_.all; }
 
   /// Returns the error of patches that the pictures lack: the triangles of the boundary that a scene shows may take a
   /// quarter of PlayerOptions::memory, and the largest patches beyond are left out. None if all are drawn.
@@ -345,13 +327,11 @@ class Player {
                                  const std::shared_ptr<PlayerMemory>& memory, const View& view);
   [[nodiscard]] Status open_again(std::size_t step);
   [[nodiscard]] Status change_step(std::size_t step);
-  void drop_cells();
   [[nodiscard]] std::vector<Surface> surfaces_of_all_steps() const;
   [[nodiscard]] Status read_boundary_of(const format::Volume& volume);
-  [[nodiscard]] Status draw_within(double seconds);
-  [[nodiscard]] Status draw_moving(const MotionLimits& limits);
-  [[nodiscard]] Status hold_contours();
-  [[nodiscard]] Result<MotionControl::Outcome> draw_rung(const Rung& rung, double seconds);
+  [[nodiscard]] Result<Outcome> draw_in(const Recipe& recipe, double seconds);
+  [[nodiscard]] Result<Outcome> draw_steadily(const Recipe& recipe);
+  [[nodiscard]] Status draw_cells(int sample_spacing, const DrawProgress& progress);
   [[nodiscard]] bool may_draw_cells() const;
 
   // Exact rays, and the work of an exact picture.
@@ -368,56 +348,68 @@ class Player {
   [[nodiscard]] Result<FrameTimes> draw_with_surfaces(const View& view);
   void lay_surfaces(const View& view, bool has_slices);
   [[nodiscard]] Result<std::vector<CellLayer>> lay_cells();
-  [[nodiscard]] std::uint64_t sweep_memory();
   void take_surfaces(std::vector<Surface> surfaces);
-  [[nodiscard]] Result<std::shared_ptr<const KeptCells>> kept_cells();
   [[nodiscard]] Result<std::shared_ptr<const FileCells>> open_cells();
   [[nodiscard]] bool shows_surfaces() const;
   // Whether something opaque or translucent stands among the splats: it needs a sample in each pixel.
-  [[nodiscard]] bool has_layers() const { return shows_surfaces() || surface_depths_; }
-  [[nodiscard]] Status fail_without_contours() const;
+  [[nodiscard]] bool has_layers() const { return shows_surfaces() || surfaces_.depths; }
+  [[nodiscard]] tl::unexpected<Error> fail_lost() const;
   [[nodiscard]] std::vector<SlicePicture> draw_slices(const View& view) const;
 
   format::Steps steps_;
   std::size_t step_;
   std::shared_ptr<PlayerMemory> memory_;  // before what lies in it
-  Reservation sweep_room_;                // once cells were drawn
-  Reservation patches_room_;              // while surfaces are patches
   using VolumeAhead = StepAhead<Result<std::shared_ptr<const format::Volume>>>;
-  std::unique_ptr<VolumeAhead> ahead_;                 // of a series of files
-  std::unique_ptr<StepAhead<StepCells>> cells_ahead_;  // of a series
-  const MemoryShare* cells_ahead_share_ = nullptr;     // that belongs to no other cells then
+  std::unique_ptr<VolumeAhead> ahead_;  // of a series of files
   PlayerOptions options_;
   Scene scene_;
+  TransferFunction function_of_splats_;  // the scene's, with shells in place of contours
   View view_;
-  bool is_nudged_ = false;  // by draw_again
-  bool is_lost_ = false;    // the streamer has no step; only to be opened again
+  std::uint64_t revision_ = 0;  // of what pictures show
+  bool is_lost_ = false;        // the streamer has no step; only to be opened again
   std::unique_ptr<Streamer> streamer_;
   std::unique_ptr<Rasterizer> rasterizer_;
-  CellRasterizer cell_rasterizer_;
-  std::shared_ptr<const format::Volume> kept_volume_;    // of the cells
-  std::shared_ptr<const KeptCells> kept_cells_;          // of the streamer's step; null: none was needed yet
-  std::shared_ptr<const FileCells> cells_;               // of these, in the view that asked last
-  std::shared_ptr<const SurfaceDepths> surface_depths_;  // of another program
-  std::vector<Surface> surfaces_;                        // of the scene
-  SurfaceLayers surface_layers_;                         // of the last picture with surfaces or slices
-  std::optional<View> surfaces_view_;                    // shows the layers; none: they are to be drawn
-  Image spare_picture_;                                  // its memory becomes that of the next exact picture
-  std::optional<Image> picture_;                         // the last one, if surfaces were in it or it is exact
-  std::uint64_t room_ = 0;                               // splats that the device took, as far as is known
+  std::uint64_t room_ = 0;  // splats that the rasterizer took, as far as is known
+  CellPictures cells_;
+
+  struct Surfaces {
+    std::shared_ptr<const SurfaceDepths> depths = {};  // of another program
+    std::vector<Surface> all = {};                     // of the scene
+    Reservation patches_room = {};                     // while surfaces are patches
+    SurfaceLayers layers = {};                         // of the last picture with surfaces or slices
+    std::optional<View> view = {};                     // shows the layers; none: they are to be drawn
+  };
+  Surfaces surfaces_;
+
+  // Of the last frame.
+  struct Asked {
+    Detail detail = {};
+    std::optional<double> seconds = {};  // to wait
+    int sample_spacing = 0;
+    bool is_nudged = false;  // by draw_again
+  };
+  Asked asked_;
+
+  // Of the last picture.
+  std::optional<Image> picture_;  // if surfaces were in it or it is exact
   const FrameSplats* frame_ = nullptr;
   std::optional<ExactPicture> exact_;
-  FrameRequest request_;
   SortMode sort_ = SortMode::exact;
-  DrawOptions draw_options_;  // of the last frame
   int sample_spacing_ = 1;
   PlayerTimes times_;
+
   Pacer pacer_{1};
   MotionControl motion_;
 
-  std::mutex stop_mutex_;
-  std::stop_source stop_;  // of the call in progress
-  int calls_ = 0;          // one within the other
+  // That are in progress, one within the other.
+  struct Calls {
+    std::mutex mutex;
+    std::stop_source stop;
+    int count = 0;
+
+    [[nodiscard]] std::stop_token begin();
+  };
+  Calls calls_;
 };
 
 }  // namespace splatvol

@@ -9,15 +9,17 @@
 #include <utility>
 
 #include "base/names.h"
+#include "sampler/cell_sampler.h"
+#include "sampler/cell_tetrahedra.h"
 
 namespace splatvol {
 namespace {
 
 constexpr std::size_t most_names = 4;  // in a message
 
-// Bytes of triangles while they are drawn: their points are there twice (draw_surfaces).
+// Bytes of triangles while they are drawn: their points are there twice (draw_surfaces), and may have values.
 std::uint64_t drawn_bytes(std::uint64_t points, std::uint64_t triangles) {
-  return 2 * sizeof(dvec3) * points + sizeof(std::array<std::uint32_t, 3>) * triangles;
+  return (2 * sizeof(dvec3) + sizeof(double)) * points + sizeof(std::array<std::uint32_t, 3>) * triangles;
 }
 
 // The patches of a boundary that a surface shows.
@@ -85,6 +87,28 @@ std::vector<Surface> reusable(std::span<const Surface> before, const PatchChoice
   return surfaces;
 }
 
+// Reads the values of cells at positions. A part of them at a time bounds the memory.
+Result<std::vector<double>> sample_at(std::span<const dvec3> positions, const format::Volume& volume,
+                                      const std::string& attribute) {
+  constexpr std::uint64_t held_bytes = std::uint64_t{16} << 20;
+  constexpr std::size_t at_once = std::size_t{1} << 18;
+  SPLATVOL_TRY_ASSIGN(number, format::find_attribute(volume.info(), attribute, volume.name()));
+  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, {static_cast<std::size_t>(number)}, own_room(held_bytes)));
+  if (!cells)
+    return fail(
+        ErrorCode::invalid_argument,
+        "{}: it keeps no cells, and only these have values for \"color_by\" of a surface: build it from a mesh, "
+        "without --drop-cells",
+        volume.name());
+  std::vector<double> values;
+  for (std::size_t begin = 0; begin < positions.size(); begin += at_once) {
+    SPLATVOL_TRY_ASSIGN(part,
+                        sample_cells(*cells, positions.subspan(begin, std::min(at_once, positions.size() - begin))));
+    values.insert(values.end(), part.begin(), part.end());
+  }
+  return values;
+}
+
 }  // namespace
 
 Result<std::vector<Surface>> read_scene_surfaces(std::span<const SceneSurface> styles, const format::Volume& volume,
@@ -96,7 +120,27 @@ Result<std::vector<Surface>> read_scene_surfaces(std::span<const SceneSurface> s
   for (Surface& surface : surfaces)
     if (const auto chosen = choices.find(surface.style.boundary); chosen != choices.end())
       surface.left_out = chosen->second.left_out;
+  SPLATVOL_TRY(add_values(surfaces, volume, before));
   return surfaces;
+}
+
+Status add_values(std::span<Surface> surfaces, const format::Volume& volume, std::span<const Surface> before) {
+  for (Surface& surface : surfaces) {
+    surface.values.reset();
+    if (!surface.is_visible() || !surface.style.color_by) continue;
+    const std::string& attribute = surface.style.color_by->attribute;
+    const auto has_same = [&](const Surface& other) {
+      return other.values && other.mesh == surface.mesh && other.values->attribute == attribute &&
+             other.values->step_key == volume.step_key();
+    };
+    if (const auto same = std::ranges::find_if(before, has_same); same != before.end()) {
+      surface.values = same->values;
+      continue;
+    }
+    SPLATVOL_TRY_ASSIGN(values, sample_at(surface.mesh->points, volume, attribute));
+    surface.values = std::make_shared<const SurfaceValues>(attribute, volume.step_key(), std::move(values));
+  }
+  return {};
 }
 
 std::uint64_t bytes_of_patches(const format::Volume& volume) {

@@ -15,13 +15,19 @@
 
 namespace splatvol {
 
-/// Returns the surfaces of a scene, and reads those that are shown (read_surfaces): files by `read_file`, patches of
-/// the boundary from `volume`. The patches may take `room` bytes, by the counts in the metadata. Those that would take
-/// more are not read, the largest first (Surface::left_out).
+/// Returns the surfaces of a scene, and reads those that are shown (read_surfaces, add_values): files by `read_file`,
+/// patches of the boundary and values from `volume`. The patches may take `room` bytes, by the counts in the metadata.
+/// Those that would take more are not read, the largest first (Surface::left_out).
 [[nodiscard]] Result<std::vector<Surface>> read_scene_surfaces(std::span<const SceneSurface> styles,
                                                                const format::Volume& volume,
                                                                const ReadSurface& read_file, std::uint64_t room,
                                                                std::span<const Surface> before);
+
+/// Gives surfaces that are shown the values that colour them: of the cells of `volume` at the triangles' corners. Those
+/// of the same triangles, attribute and step are taken over from `before`. Fails if the file keeps no cells, or cannot
+/// be read.
+[[nodiscard]] Status add_values(std::span<Surface> surfaces, const format::Volume& volume,
+                                std::span<const Surface> before);
 
 /// Returns the bytes that all patches of a file's boundary take.
 [[nodiscard]] std::uint64_t bytes_of_patches(const format::Volume& volume);

@@ -6,7 +6,10 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <stop_token>
 #include <utility>
+
+#include "base/interruption.h"
 
 namespace splatvol {
 
@@ -51,21 +54,36 @@ class InlineHost : public SessionHost {
   }
 };
 
-/// A job with a result. At first there is none.
+/// A job with a result, which heeds an interruption (base/interruption.h). At first there is none.
 template <class Value>
 class Task {
  public:
   Task() = default;
   template <class Work>
   Task(SessionHost& host, Work work, SessionHost::Priority priority = SessionHost::Priority::usual)
-      : value_(std::make_shared<std::optional<Value>>()),
-        job_(host.begin([value = value_, work = std::move(work)]() mutable { value->emplace(work()); }, priority)) {}
+      : stop_(std::stop_source()),
+        value_(std::make_shared<std::optional<Value>>()),
+        job_(host.begin(
+            [value = value_, work = std::move(work), stop = stop_.get_token()]() mutable {
+              const Interruptible interruptible(stop);
+              value->emplace(work());
+            },
+            priority)) {}
 
   /// Whether there is a job whose result has not been taken.
   [[nodiscard]] bool is_begun() const { return job_ != nullptr; }
 
   /// Whether it has ended, at the latest after some seconds. Requires is_begun().
   [[nodiscard]] bool wait(double seconds = 0) const { return job_->wait(seconds); }
+
+  /// Asks the job to end early: its result tells whether it did.
+  void interrupt() { stop_.request_stop(); }
+
+  /// Ends the job, if there is one, without its result.
+  void end() {
+    interrupt();
+    if (is_begun()) static_cast<void>(take());
+  }
 
   /// Waits for the result. Requires is_begun().
   [[nodiscard]] Value take() {
@@ -75,6 +93,7 @@ class Task {
   }
 
  private:
+  std::stop_source stop_{std::nostopstate};
   std::shared_ptr<std::optional<Value>> value_;
   std::unique_ptr<Job> job_;
 };

@@ -128,6 +128,12 @@ void Steering::press_key(int code, Session& session, const Taken& taken) {
       look_from(session, direction);
       break;
     }
+    case '4': {
+      dvec3 corner(has_shift() ? -1 : 1);
+      corner[session.up_axis()] = 1;
+      look_from(session, glm::normalize(corner));
+      break;
+    }
     default:
       break;
   }
@@ -138,7 +144,8 @@ void Steering::look_from(Session& session, const dvec3& direction) {
   const int axis = session.up_axis();
   dvec3 up(0);
   up[axis] = 1;
-  if (direction[axis] != 0) up = direction[axis] * plan_up[static_cast<std::size_t>(axis)];
+  const double along = direction[axis];
+  if (std::abs(along) > 0.999) up = (along > 0 ? 1.0 : -1.0) * plan_up[static_cast<std::size_t>(axis)];
   look_along(session.scene.camera, -direction, up);
 }
 

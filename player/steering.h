@@ -44,7 +44,8 @@ class Steering {
   void undo(Session& session, const Taken& taken);
   void redo(Session& session, const Taken& taken);
 
-  /// Looks at the focal point from an axis's side. From the axis that is up, the picture is a plan: x or y goes right.
+  /// Looks at the focal point from a side, a vector of length 1. From the axis that is up, the picture is a plan: x or
+  /// y goes right.
   static void look_from(Session& session, const dvec3& direction);
 
   [[nodiscard]] dvec2 pointer() const { return pointer_; }

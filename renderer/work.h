@@ -16,7 +16,8 @@ inline constexpr double of_splat = 68;
 inline constexpr double of_fragment = 0.95;
 inline constexpr double of_interpolated_pixel = 1;  // where samples are wider than pixels
 inline constexpr double of_tetrahedron = 1.2;
-inline constexpr double of_row = 26;  // of samples in a tetrahedron
+inline constexpr double of_unread_tetrahedron = 230;  // to read it from a disk, and to decode it
+inline constexpr double of_row = 26;                  // of samples in a tetrahedron
 inline constexpr double of_segment = 2.2;
 }  // namespace nanoseconds
 
@@ -44,6 +45,7 @@ struct CellCounts {
   double tetrahedra = 0;
   double segments = 0;      // of a picture with a sample in each pixel
   double segment_work = 1;  // as the function of this name
+  double unread = 0;        // tetrahedra that are not in memory
 };
 
 /// Returns the segments of a picture with fewer samples.
@@ -57,13 +59,14 @@ struct CellCounts {
   return 1 + of_piece * std::max(static_cast<double>(pieces) - few, 0.0);
 }
 
-/// Returns the estimated work of an exact picture of cells that are held, in nanoseconds.
+/// Returns the estimated work of an exact picture of cells, in nanoseconds.
 [[nodiscard]] inline double work_of_cells(const CellCounts& cells, double pixels, int sample_spacing) {
   const double interpolated = sample_spacing > 1 ? pixels : 0;
   const double sampled = sampled_segments(cells, sample_spacing);
   const double rows = std::sqrt(cells.tetrahedra * sampled);  // n samples of a tetrahedron lie in about sqrt(n) rows
-  return nanoseconds::of_tetrahedron * cells.tetrahedra + nanoseconds::of_row * rows +
-         nanoseconds::of_segment * cells.segment_work * sampled + nanoseconds::of_interpolated_pixel * interpolated;
+  return nanoseconds::of_unread_tetrahedron * cells.unread + nanoseconds::of_tetrahedron * cells.tetrahedra +
+         nanoseconds::of_row * rows + nanoseconds::of_segment * cells.segment_work * sampled +
+         nanoseconds::of_interpolated_pixel * interpolated;
 }
 
 }  // namespace splatvol

@@ -82,8 +82,8 @@ class CellTetrahedra {
   /// take(entry, part) in the order of `entries`, on this thread. Holds a few chunks and parts at a time. Both return a
   /// Status.
   template <class Part, class Work, class Take>
-  [[nodiscard]] Status for_each(std::span<const format::CellChunkEntry> entries, const Work& work,
-                                const Take& take) const {
+  [[nodiscard]] Status for_each(std::span<const format::CellChunkEntry> entries, const Work& work, const Take& take,
+                                std::size_t threads = std::max(1u, std::thread::hardware_concurrency())) const {
     while (!entries.empty()) {
       const std::size_t count = count_at_once(entries);
       SPLATVOL_TRY(check_interruption());
@@ -93,7 +93,7 @@ class CellTetrahedra {
         SPLATVOL_TRY_ASSIGN(tetrahedra, read(entries[i]));
         return work(entries[i], tetrahedra, parts[i]);
       };
-      SPLATVOL_TRY(run_tasks(count, std::max(1u, std::thread::hardware_concurrency()), run));
+      SPLATVOL_TRY(run_tasks(count, threads, run));
       for (std::size_t i = 0; i < count; ++i) SPLATVOL_TRY(take(entries[i], parts[i]));
       entries = entries.subspan(count);
     }

@@ -7,7 +7,6 @@
 namespace splatvol {
 
 Status check_contours(const std::vector<SceneContour>& contours) {
-  constexpr std::size_t most = 256;  // each value costs time in every cell
   std::vector<double> values;
   const SceneColoring* coloring = nullptr;
   for (const SceneContour& contour : contours) {
@@ -17,8 +16,9 @@ Status check_contours(const std::vector<SceneContour>& contours) {
       return fail(ErrorCode::invalid_data, "contours: two differ in color_by; give all the same");
     coloring = &*contour.color_by;
   }
-  if (values.size() > most)
-    return fail(ErrorCode::invalid_data, "contours: {} values; at most {} are drawn", values.size(), most);
+  if (values.size() > most_contour_values)
+    return fail(ErrorCode::invalid_data, "contours: {} values; at most {} are drawn", values.size(),
+                most_contour_values);
   if (!std::ranges::all_of(values, [](double value) { return std::isfinite(value); }))
     return fail(ErrorCode::invalid_data, "contours: a value is not finite");
   std::ranges::sort(values);
@@ -50,8 +50,13 @@ BarColors bar_colors_of(const Scene& scene) {
   const bool has_volume = std::ranges::any_of(scene.transfer_function.densities,
                                               [](const auto& density) { return density.extinction > 0; });
   const bool has_slices = std::ranges::any_of(scene.slices, &SceneSlice::shown);
-  if (contours.attribute.empty() || has_volume || has_slices) return {scene.attribute, scene.transfer_function};
-  return {std::move(contours.attribute), std::move(contours.colors)};
+  if (has_volume || has_slices) return {scene.attribute, scene.transfer_function};
+  if (!contours.attribute.empty()) return {std::move(contours.attribute), std::move(contours.colors)};
+  const auto surface =
+      std::ranges::find_if(scene.surfaces, [](const SceneSurface& one) { return one.shown && one.color_by; });
+  if (contours.surfaces.empty() && surface != scene.surfaces.end())
+    return {surface->color_by->attribute, surface->color_by->function};
+  return {scene.attribute, scene.transfer_function};
 }
 
 }  // namespace splatvol

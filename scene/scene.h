@@ -72,6 +72,9 @@ struct Contours {
   [[nodiscard]] bool operator==(const Contours&) const = default;
 };
 
+/// The most values of a scene's contours: each costs time in every cell.
+inline constexpr std::size_t most_contour_values = 256;
+
 /// Fails if contours have too many values, equal ones, one that is not finite, or differ in what colours them.
 [[nodiscard]] Status check_contours(const std::vector<SceneContour>& contours);
 
@@ -84,8 +87,8 @@ struct BarColors {
   TransferFunction function;
 };
 
-/// Returns what colours the contours of a scene, if another attribute does and nothing else is shown: no density, and
-/// no slice. Else returns what colours the volume. Requires check_contours.
+/// Returns what colours the contours of a scene, or its surfaces, if another attribute does and nothing else is shown:
+/// no density, and no slice. Else returns what colours the volume. Requires check_contours.
 [[nodiscard]] BarColors bar_colors_of(const Scene& scene);
 
 /// A plane in world units.

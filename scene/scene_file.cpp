@@ -8,7 +8,6 @@
 
 #include "base/file.h"
 #include "base/json.h"
-#include "scene/isovalue.h"
 #include "scene/scene.h"
 
 namespace splatvol {
@@ -135,8 +134,9 @@ Status read_axis(const JsonField& field, const JsonField& domain, TransferFuncti
   return {};
 }
 
-/// Reads the peak that takes the density's place. The domain and the axis have been read.
-Result<Isovalue> read_isovalue(const JsonField& field, const TransferFunction& function) {
+// Reads a peak of the density. It falls linearly to 0 on both sides, and is `width` wide in values. A side that reaches
+// out of the domain ends there. The domain and the axis have been read.
+Result<std::vector<TransferFunction::Density>> read_isovalue(const JsonField& field, const TransferFunction& function) {
   SPLATVOL_TRY(field.check_names({"value", "width", "density"}));
   SPLATVOL_TRY_ASSIGN(value, number(field.member("value")));
   if (value < function.lo || value > function.hi)
@@ -145,7 +145,10 @@ Result<Isovalue> read_isovalue(const JsonField& field, const TransferFunction& f
   SPLATVOL_TRY_ASSIGN(width, positive(field.member("width")));
   SPLATVOL_TRY_ASSIGN(density, number(field.member("density")));
   if (density < 0) return field.member("density").wrong("{} is negative", density);
-  return Isovalue{value, width, density};
+  const auto t_of = [&](double at) { return std::clamp(function.t_of(at), 0.0, 1.0); };
+  const double t = t_of(value);
+  const double low = std::min(t_of(value - 0.5 * width), t), high = std::max(t_of(value + 0.5 * width), t);
+  return std::vector<TransferFunction::Density>{{0, 0}, {low, 0}, {t, density}, {high, 0}, {1, 0}};
 }
 
 Status read_domain(const JsonField& field, TransferFunction& function) {
@@ -173,8 +176,7 @@ Result<TransferFunction> read_transfer_function(const JsonField& field) {
   SPLATVOL_TRY_SET(function.colors, read_colors(field.member("colors")));
   if (field.has("isovalue")) {
     if (field.has("density")) return field.wrong("both density and isovalue; leave one of them out");
-    SPLATVOL_TRY_ASSIGN(isovalue, read_isovalue(field.member("isovalue"), function));
-    function.densities = densities_of(function, isovalue);
+    SPLATVOL_TRY_SET(function.densities, read_isovalue(field.member("isovalue"), function));
     return function;
   }
   SPLATVOL_TRY_ASSIGN(densities, read_curve(field.member("density"), 1));
@@ -218,21 +220,6 @@ Status read_opacity(const JsonField& field, double& opacity) {
   return {};
 }
 
-Result<SceneSurface> read_surface(const JsonField& field) {
-  SPLATVOL_TRY(field.check_names({"file", "boundary", "color", "opacity", "shown", "edges"}));
-  SceneSurface surface;
-  if (field.has("file") && field.has("boundary")) return field.wrong("give \"file\" or \"boundary\", not both");
-  if (field.has("boundary"))
-    SPLATVOL_TRY_SET(surface.boundary, name(field.member("boundary")));
-  else
-    SPLATVOL_TRY_SET(surface.file, name(field.member("file")));
-  if (field.has("color")) SPLATVOL_TRY_SET(surface.color, color(field.member("color")));
-  SPLATVOL_TRY(read_opacity(field.member("opacity"), surface.opacity));
-  SPLATVOL_TRY(read_truth(field.member("shown"), surface.shown));
-  SPLATVOL_TRY(read_truth(field.member("edges"), surface.edges));
-  return surface;
-}
-
 Result<SceneColoring> read_coloring(const JsonField& field) {
   SPLATVOL_TRY(field.check_names({"attribute", "domain", "axis", "linear_width", "colors"}));
   SceneColoring coloring;
@@ -241,6 +228,22 @@ Result<SceneColoring> read_coloring(const JsonField& field) {
   SPLATVOL_TRY_SET(coloring.function.colors, read_colors(field.member("colors")));
   coloring.function.densities = {{0, 1}};
   return coloring;
+}
+
+Result<SceneSurface> read_surface(const JsonField& field) {
+  SPLATVOL_TRY(field.check_names({"file", "boundary", "color", "color_by", "opacity", "shown", "edges"}));
+  SceneSurface surface;
+  if (field.has("file") && field.has("boundary")) return field.wrong("give \"file\" or \"boundary\", not both");
+  if (field.has("boundary"))
+    SPLATVOL_TRY_SET(surface.boundary, name(field.member("boundary")));
+  else
+    SPLATVOL_TRY_SET(surface.file, name(field.member("file")));
+  if (field.has("color")) SPLATVOL_TRY_SET(surface.color, color(field.member("color")));
+  if (field.has("color_by")) SPLATVOL_TRY_SET(surface.color_by, read_coloring(field.member("color_by")));
+  SPLATVOL_TRY(read_opacity(field.member("opacity"), surface.opacity));
+  SPLATVOL_TRY(read_truth(field.member("shown"), surface.shown));
+  SPLATVOL_TRY(read_truth(field.member("edges"), surface.edges));
+  return surface;
 }
 
 Result<SceneContour> read_contour(const JsonField& field) {
@@ -437,18 +440,48 @@ void add_colors(const TransferFunction& function, nlohmann::ordered_json& docume
   for (const auto& [t, rgb] : function.colors) document["colors"].push_back({t, rgb.r, rgb.g, rgb.b});
 }
 
+nlohmann::ordered_json json_of(const SceneColoring& coloring) {
+  nlohmann::ordered_json document = {{"attribute", coloring.attribute}};
+  add_domain(coloring.function, document);
+  add_colors(coloring.function, document);
+  return document;
+}
+
 nlohmann::ordered_json json_of(const SceneContour& contour) {
   nlohmann::ordered_json document = {{"values", contour.values}};
   if (contour.color) document["color"] = json_of(*contour.color);
-  if (contour.color_by) {
-    nlohmann::ordered_json& coloring = document["color_by"];
-    coloring["attribute"] = contour.color_by->attribute;
-    add_domain(contour.color_by->function, coloring);
-    add_colors(contour.color_by->function, coloring);
-  }
+  if (contour.color_by) document["color_by"] = json_of(*contour.color_by);
   document["opacity"] = contour.opacity;
   document["shown"] = contour.shown;
   return document;
+}
+
+nlohmann::ordered_json json_of(const SceneSurface& surface) {
+  nlohmann::ordered_json document = {surface.boundary.empty()
+                                         ? nlohmann::ordered_json::array({"file", surface.file})
+                                         : nlohmann::ordered_json::array({"boundary", surface.boundary}),
+                                     {"color", json_of(surface.color)},
+                                     {"opacity", surface.opacity},
+                                     {"shown", surface.shown},
+                                     {"edges", surface.edges}};
+  if (surface.color_by) document["color_by"] = json_of(*surface.color_by);
+  return document;
+}
+
+nlohmann::ordered_json json_of(const SceneSlice& slice) {
+  return {{"point", json_of(slice.point)},
+          {"normal", json_of(slice.normal)},
+          {"opacity", slice.opacity},
+          {"shown", slice.shown}};
+}
+
+nlohmann::ordered_json json_of(const SceneClipPlane& plane) {
+  return {{"point", json_of(plane.point)}, {"normal", json_of(plane.normal)}, {"active", plane.active}};
+}
+
+void add_densities(const TransferFunction& function, nlohmann::ordered_json& document) {
+  for (const auto& [t, extinction] : function.densities) document["density"].push_back({t, extinction});
+  if (function.density_factor != 1) document["density_factor"] = function.density_factor;
 }
 
 void add_quality(const Quality& quality, nlohmann::ordered_json& document) {
@@ -513,14 +546,7 @@ std::string to_json(const UsedScene& used, int indent) {
   nlohmann::ordered_json& function = document["transfer_function"];
   add_domain(scene.transfer_function, function);
   add_colors(scene.transfer_function, function);
-  // By its name only if it comes back to the last bit.
-  const auto isovalue = isovalue_of(scene.transfer_function);
-  if (isovalue && densities_of(scene.transfer_function, *isovalue) == scene.transfer_function.densities)
-    function["isovalue"] = {{"value", isovalue->value}, {"width", isovalue->width}, {"density", isovalue->density}};
-  else
-    for (const auto& [t, extinction] : scene.transfer_function.densities)
-      function["density"].push_back({t, extinction});
-  if (const double factor = scene.transfer_function.density_factor; factor != 1) function["density_factor"] = factor;
+  add_densities(scene.transfer_function, function);
   if (scene.opacity) {
     nlohmann::ordered_json& opacity = document["opacity"];
     opacity["attribute"] = scene.opacity->attribute;
@@ -535,23 +561,10 @@ std::string to_json(const UsedScene& used, int indent) {
     document["scalar_bar"] = {{"ticks", scene.scalar_bar.ticks}, {"unit", scene.scalar_bar.unit}};
   if (scene.clip_box)
     document["clip_box"] = {{"low", json_of(scene.clip_box->low)}, {"high", json_of(scene.clip_box->high)}};
-  for (const SceneSurface& surface : scene.surfaces)
-    document["surfaces"].push_back({surface.boundary.empty()
-                                        ? nlohmann::ordered_json::array({"file", surface.file})
-                                        : nlohmann::ordered_json::array({"boundary", surface.boundary}),
-                                    {"color", json_of(surface.color)},
-                                    {"opacity", surface.opacity},
-                                    {"shown", surface.shown},
-                                    {"edges", surface.edges}});
+  for (const SceneSurface& surface : scene.surfaces) document["surfaces"].push_back(json_of(surface));
   for (const SceneContour& contour : scene.contours) document["contours"].push_back(json_of(contour));
-  for (const SceneSlice& slice : scene.slices)
-    document["slices"].push_back({{"point", json_of(slice.point)},
-                                  {"normal", json_of(slice.normal)},
-                                  {"opacity", slice.opacity},
-                                  {"shown", slice.shown}});
-  for (const SceneClipPlane& plane : scene.clip_planes)
-    document["clip_planes"].push_back(
-        {{"point", json_of(plane.point)}, {"normal", json_of(plane.normal)}, {"active", plane.active}});
+  for (const SceneSlice& slice : scene.slices) document["slices"].push_back(json_of(slice));
+  for (const SceneClipPlane& plane : scene.clip_planes) document["clip_planes"].push_back(json_of(plane));
   return text_of(document, indent);
 }
 

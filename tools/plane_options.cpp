@@ -1,10 +1,9 @@
 #include "tools/plane_options.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <string_view>
-
-#include "scene/isovalue.h"
 
 namespace splatvol {
 namespace {
@@ -28,16 +27,10 @@ std::optional<std::vector<double>> parse_numbers(std::string_view text, std::siz
 
 }  // namespace
 
-Result<IsovalueOption> parse_isovalue(const std::string& text) {
-  const std::string_view all = text;
-  const std::size_t colon = all.find(':');
-  const auto value = parse_numbers(all.substr(0, colon), 1);
-  if (!value) return fail(ErrorCode::invalid_argument, "'{}' is not a value, or VALUE:WIDTH such as 0.8:0.02", text);
-  if (colon == std::string_view::npos) return IsovalueOption{value->front(), std::nullopt};
-  const auto width = parse_numbers(all.substr(colon + 1), 1);
-  if (!width || !(width->front() > 0))
-    return fail(ErrorCode::invalid_argument, "'{}': the width is not a number above 0", text);
-  return IsovalueOption{value->front(), width->front()};
+Result<double> parse_contour(const std::string& text) {
+  const auto value = parse_numbers(text, 1);
+  if (!value) return fail(ErrorCode::invalid_argument, "'{}' is not a value, such as 0.8", text);
+  return value->front();
 }
 
 Result<PlaneOption> parse_plane(const std::string& text) {
@@ -66,14 +59,13 @@ void add_plane_options(CommandLine& app, PlaneOptions& options) {
       ->type_name("X,Y,Z:NX,NY,NZ")
       ->allow_extra_args(false)
       ->check(check_of(parse_plane));
-  app.add_option("--isovalue", options.isovalue,
-                 "Show a shell of one value, lit: the density is a narrow peak there, of this width in values "
-                 "(default: a fiftieth of the domain)")
-      ->type_name("VALUE[:WIDTH]")
-      ->check(check_of(parse_isovalue));
+  app.add_option("--contour", options.contours, "Show the surface of one value; several may be given")
+      ->type_name("VALUE")
+      ->allow_extra_args(false)
+      ->check(check_of(parse_contour));
 }
 
-Status apply(const PlaneOptions& options, double size, Scene& scene) {
+Status apply(const PlaneOptions& options, Scene& scene) {
   for (const std::string& text : options.slices) {
     SPLATVOL_TRY_ASSIGN(plane, parse_plane(text));
     scene.slices.push_back({.point = plane.point, .normal = plane.normal});
@@ -82,9 +74,14 @@ Status apply(const PlaneOptions& options, double size, Scene& scene) {
     SPLATVOL_TRY_ASSIGN(plane, parse_plane(text));
     scene.clip_planes.push_back({.point = plane.point, .normal = plane.normal});
   }
-  if (options.isovalue.empty()) return {};
-  SPLATVOL_TRY_ASSIGN(isovalue, parse_isovalue(options.isovalue));
-  return show_isovalue(scene, isovalue.value, isovalue.width, size);
+  for (const std::string& text : options.contours) {
+    SPLATVOL_TRY_ASSIGN(value, parse_contour(text));
+    const auto has_value = [&](const SceneContour& contour) {
+      return std::ranges::find(contour.values, value) != contour.values.end();
+    };
+    if (std::ranges::none_of(scene.contours, has_value)) scene.contours.push_back({.values = {value}});
+  }
+  return check_contours(scene.contours);
 }
 
 }  // namespace splatvol

@@ -1,4 +1,4 @@
-// Options that add slices, clip planes and an isovalue to a scene.
+// Options that add slices, clip planes and contours to a scene.
 #pragma once
 
 #include <optional>
@@ -10,15 +10,6 @@
 
 namespace splatvol {
 
-/// A value, and the width of the peak round it.
-struct IsovalueOption {
-  double value = 0;
-  std::optional<double> width;
-};
-
-/// Reads "VALUE" or "VALUE:WIDTH".
-[[nodiscard]] Result<IsovalueOption> parse_isovalue(const std::string& text);
-
 /// A plane, as scenes have them.
 struct PlaneOption {
   dvec3 point, normal;
@@ -27,18 +18,20 @@ struct PlaneOption {
 /// Reads "X,Y,Z:NX,NY,NZ": a point and the normal.
 [[nodiscard]] Result<PlaneOption> parse_plane(const std::string& text);
 
+/// Reads the value of a contour.
+[[nodiscard]] Result<double> parse_contour(const std::string& text);
+
 struct PlaneOptions {
   std::vector<std::string> slices, clip_planes;  // parse_plane takes them
-  std::string isovalue;                          // parse_isovalue takes it; empty: the scene's density
+  std::vector<std::string> contours;             // parse_contour takes them
 
-  [[nodiscard]] bool are_given() const { return !slices.empty() || !clip_planes.empty() || !isovalue.empty(); }
+  [[nodiscard]] bool are_given() const { return !slices.empty() || !clip_planes.empty() || !contours.empty(); }
 };
 
 /// Adds the options to `app`. Parsing writes into `options`.
 void add_plane_options(CommandLine& app, PlaneOptions& options);
 
-/// Adds the planes to the scene's own, and shows the isovalue. `size`: of the data, in world units. Fails if the
-/// scene's axis does not have the isovalue.
-[[nodiscard]] Status apply(const PlaneOptions& options, double size, Scene& scene);
+/// Adds the planes and contours to the scene's own. A value of which the scene has a contour stays as it is.
+[[nodiscard]] Status apply(const PlaneOptions& options, Scene& scene);
 
 }  // namespace splatvol

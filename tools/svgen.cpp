@@ -193,6 +193,85 @@ Status write_flow_files(const Options& options) {
   return options.scene.empty() ? Status{} : write_flow_scene(options.scene);
 }
 
+// These return the subcommand that they add.
+CommandLine* add_points_command(CommandLine& app, Options& options) {
+  CommandLine* command = app.add_subcommand("points", "Scattered points, as a table of x, y, z, value");
+  command->add_option("-o,--output", options.output, "The file to write (.npy)")
+      ->type_name("OUT.npy")
+      ->required()
+      ->check(check_npy_path);
+  command->add_option("--count", options.count, "Number of points, such as 1e8")
+      ->type_name("N")
+      ->required()
+      ->check(check_of(parse_count));
+  command
+      ->add_option(
+          "--distribution", options.distribution,
+          "Distribution; vortex has more points where the field varies, clusters has half of the points in 200 "
+          "normal clusters with deviations from 1e-3 to 1e-1, in and among the others")
+      ->type_name("NAME")
+      ->one_of(distribution_names())
+      ->capture_default_str();
+  command->add_option("--seed", options.seed, "Another seed gives other points")->capture_default_str();
+  command->add_flag("--float32,!--float64", options.float32, "Numbers of 4 bytes, or of 8 (default)");
+  add_force_option(*command, options.replace);
+  return command;
+}
+
+CommandLine* add_mesh_command(CommandLine& app, Options& options) {
+  CommandLine* command =
+      app.add_subcommand("mesh", "A graded mesh of tetrahedra in pieces, with a .pvtu that names them");
+  command->add_option("-o,--output", options.output, "The folder to write")
+      ->type_name("DIR")
+      ->required()
+      ->check(check_not_empty);
+  command->add_option("--cells", options.cells, "Approximate number of tetrahedra, such as 1e8")
+      ->type_name("N")
+      ->required()
+      ->check(check_of(parse_count));
+  command->add_option("--pieces", options.pieces, "Number of files (default: some 1.5 million tetrahedra in each)")
+      ->type_name("N")
+      ->check(check_of(parse_count));
+  return command;
+}
+
+CommandLine* add_refine_command(CommandLine& app, Options& options) {
+  CommandLine* command =
+      app.add_subcommand("refine", "The same shape and field as a given mesh in more tetrahedra, in pieces too");
+  command->add_option("MESH", options.meshes, "Any input of svbuild that has cells")->type_name("IN...")->required();
+  command->add_option("-o,--output", options.output, "The folder to write")
+      ->type_name("DIR")
+      ->required()
+      ->check(check_not_empty);
+  command->add_option("--levels", options.levels, "How often each tetrahedron is split into eight")
+      ->range(1, most_refinements)
+      ->capture_default_str();
+  command->add_option("--attribute", options.attributes, "Attributes to keep (default: all)")->type_name("NAME");
+  add_reading_options(*command, options.reading);
+  return command;
+}
+
+CommandLine* add_flow_command(CommandLine& app, Options& options) {
+  CommandLine* command = app.add_subcommand(
+      "flow", "A mesh to try splatvol on: a knotted vortex, fine where the flow varies; and a scene that shows it");
+  command->add_option("-o,--output", options.output, "The mesh to write (.vtu)")
+      ->type_name("OUT.vtu")
+      ->check([](const std::string& path) {
+        return has_extension(path, ".vtu") ? "" : "'" + path + "' does not end in .vtu";
+      });
+  command->add_option("--points", options.flow_points, "Approximate number of points")
+      ->range(1000, 100'000'000)
+      ->capture_default_str();
+  command->add_option("--scene", options.scene, "The scene file to write (.json)")
+      ->type_name("OUT.json")
+      ->check(check_json_path);
+  add_force_option(*command, options.replace);
+  command->callback([&] {
+    if (options.output.empty() && options.scene.empty()) missing_option("-o or --scene");
+  });
+  return command;
+}
+
 }  // namespace
 }  // namespace splatvol
 
@@ -205,71 +284,10 @@ int main(int argc, char** argv) {
   Options options;
   app.require_subcommand();
 
-  auto* points = app.add_subcommand("points", "Scattered points, as a table of x, y, z, value");
-  points->add_option("-o,--output", options.output, "The file to write (.npy)")
-      ->type_name("OUT.npy")
-      ->required()
-      ->check(check_npy_path);
-  points->add_option("--count", options.count, "Number of points, such as 1e8")
-      ->type_name("N")
-      ->required()
-      ->check(check_of(parse_count));
-  points
-      ->add_option(
-          "--distribution", options.distribution,
-          "Distribution; vortex has more points where the field varies, clusters has half of the points in 200 "
-          "normal clusters with deviations from 1e-3 to 1e-1, in and among the others")
-      ->type_name("NAME")
-      ->one_of(distribution_names())
-      ->capture_default_str();
-  points->add_option("--seed", options.seed, "Another seed gives other points")->capture_default_str();
-  points->add_flag("--float32,!--float64", options.float32, "Numbers of 4 bytes, or of 8 (default)");
-  add_force_option(*points, options.replace);
-
-  auto* mesh = app.add_subcommand("mesh", "A graded mesh of tetrahedra in pieces, with a .pvtu that names them");
-  mesh->add_option("-o,--output", options.output, "The folder to write")
-      ->type_name("DIR")
-      ->required()
-      ->check(check_not_empty);
-  mesh->add_option("--cells", options.cells, "Approximate number of tetrahedra, such as 1e8")
-      ->type_name("N")
-      ->required()
-      ->check(check_of(parse_count));
-  mesh->add_option("--pieces", options.pieces, "Number of files (default: some 1.5 million tetrahedra in each)")
-      ->type_name("N")
-      ->check(check_of(parse_count));
-
-  auto* refined =
-      app.add_subcommand("refine", "The same shape and field as a given mesh in more tetrahedra, in pieces too");
-  refined->add_option("MESH", options.meshes, "Any input of svbuild that has cells")->type_name("IN...")->required();
-  refined->add_option("-o,--output", options.output, "The folder to write")
-      ->type_name("DIR")
-      ->required()
-      ->check(check_not_empty);
-  refined->add_option("--levels", options.levels, "How often each tetrahedron is split into eight")
-      ->range(1, most_refinements)
-      ->capture_default_str();
-  refined->add_option("--attribute", options.attributes, "Attributes to keep (default: all)")->type_name("NAME");
-  add_reading_options(*refined, options.reading);
-
-  auto* flow = app.add_subcommand(
-      "flow", "A mesh to try splatvol on: a knotted vortex, fine where the flow varies; and a scene that shows it");
-  flow->add_option("-o,--output", options.output, "The mesh to write (.vtu)")
-      ->type_name("OUT.vtu")
-      ->check([](const std::string& path) {
-        return has_extension(path, ".vtu") ? "" : "'" + path + "' does not end in .vtu";
-      });
-  flow->add_option("--points", options.flow_points, "Approximate number of points")
-      ->range(1000, 100'000'000)
-      ->capture_default_str();
-  flow->add_option("--scene", options.scene, "The scene file to write (.json)")
-      ->type_name("OUT.json")
-      ->check(check_json_path);
-  add_force_option(*flow, options.replace);
-  flow->callback([&] {
-    if (options.output.empty() && options.scene.empty()) missing_option("-o or --scene");
-  });
-
+  CommandLine* const points = add_points_command(app, options);
+  add_mesh_command(app, options);
+  CommandLine* const refined = add_refine_command(app, options);
+  CommandLine* const flow = add_flow_command(app, options);
   return run_tool(app, argc, argv, [&] {
     if (flow->is_given()) return write_flow_files(options);
     if (refined->is_given()) return write_refined(options);

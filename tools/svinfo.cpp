@@ -14,6 +14,7 @@
 #include "pictures/ticks.h"
 #include "streamer/first/default_scene.h"
 #include "tools/steps.h"
+#include "tools/svinfo_integrals.h"
 #include "tools/tool.h"
 
 namespace splatvol {
@@ -25,7 +26,8 @@ using json = nlohmann::ordered_json;
 struct Options {
   std::string file;
   std::string scene;
-  std::string attribute;
+  std::vector<std::string> attributes;
+  IntegralOptions integrals;
   StepChoice step;
   bool json = false;
   bool verify = false;
@@ -373,7 +375,7 @@ void print_text(const Volume& volume, const format::Steps& steps, std::size_t st
 
 Status write_scene(const Volume& volume, const Options& options) {
   SPLATVOL_TRY(check_outputs({options.scene}, {options.file}));
-  SPLATVOL_TRY_ASSIGN(scene, default_scene(volume, options.attribute));
+  SPLATVOL_TRY_ASSIGN(scene, default_scene(volume, options.attributes.empty() ? "" : options.attributes[0]));
   return write_text_file(options.scene, scene_to_json(scene));
 }
 
@@ -392,6 +394,11 @@ Status show(const Options& options) {
     survey.verified = true;
   }
   if (!options.scene.empty()) return write_scene(*volume, options);
+  if (options.integrals.integrate) {
+    SPLATVOL_TRY(print_integrals(*volume, options.integrals, options.attributes, options.json));
+    if (!options.json) tell_nearest(options.file, steps, options.step, step);
+    return {};
+  }
 
   SPLATVOL_TRY_ASSIGN(columns, survey_columns(*volume));
   SPLATVOL_TRY_ASSIGN(index, survey_index(*volume));
@@ -410,6 +417,14 @@ Status show(const Options& options) {
   return {};
 }
 
+// Checks the options against each other: CLI11 sees only one option at a time.
+void check_usage(const Options& options) {
+  if (!options.attributes.empty() && options.scene.empty() && !options.integrals.integrate)
+    wrong_option("--attribute", "is for --scene and --integrate");
+  if (options.attributes.size() > 1 && !options.scene.empty()) wrong_option("--attribute", "a scene shows one");
+  check_integral_options(options.integrals);
+}
+
 }  // namespace
 }  // namespace splatvol
 
@@ -423,9 +438,14 @@ int main(int argc, char** argv) {
   auto* scene = app.add_option("--scene", options.scene, "Write a scene that shows the data, and print nothing")
                     ->check(splatvol::check_json_path)
                     ->type_name("OUT.json");
-  app.add_option("--attribute", options.attribute,
-                 "The scene's attribute (default: a magnitude or pressure, else the first quantity)")
+  app.add_option(
+         "--attribute", options.attributes,
+         "The scene's attribute (default: a magnitude or pressure, else the first quantity), or one to integrate "
+         "(default: all); repeatable for --integrate")
       ->type_name("NAME")
-      ->needs(scene);
+      ->allow_extra_args(false);
+  splatvol::add_integral_options(app, options.integrals);
+  app.get_option("--integrate")->excludes(scene);
+  app.callback([&] { splatvol::check_usage(options); });
   return splatvol::run_tool(app, argc, argv, [&] { return splatvol::show(options); });
 }

@@ -45,28 +45,33 @@ Status write_statistics(std::optional<AtomicFile>& file, const std::string& text
   return file->commit();
 }
 
-// Names the isovalues that no point has; empty: there are none.
-Result<std::string> isovalues_outside(const RenderOptions& options, const Player& player) {
+// Names the values of contours that no point has; empty: there are none.
+Result<std::string> contours_outside(const Player& player) {
   const format::Volume& volume = player.streamer().volume();
   std::vector<double> values;
   for (const Contour& contour : contours_of(player.scene()).surfaces) values.push_back(contour.value);
-  if (!options.planes.isovalue.empty()) {
-    SPLATVOL_TRY_ASSIGN(isovalue, parse_isovalue(options.planes.isovalue));
-    values.push_back(isovalue.value);
-  }
   if (values.empty()) return std::string();
   SPLATVOL_TRY_ASSIGN(index, format::find_attribute(volume.info(), player.scene().attribute, volume.name()));
   const format::Attribute& attribute = volume.info().attributes[static_cast<std::size_t>(index)];
   std::erase_if(values, [&](double value) { return !(value < attribute.min || value > attribute.max); });
   if (values.empty()) return std::string();
-  return fmt::format("the isovalue {} lies outside of the values of {}, which are {} to {}", fmt::join(values, ", "),
+  return fmt::format("{} lies outside of the values of {}, which are {} to {}", fmt::join(values, ", "),
                      printable(player.scene().attribute), attribute.min, attribute.max);
+}
+
+// What stands for contours is no exact surface.
+void tell_of_shells(const RenderOptions& options, const Player& player) {
+  if (player.shows_shells())
+    fmt::print(stderr, "svrender: {}: translucent shells stand for the contours, as {}\n", options.written(),
+               player.has_cells() ? "splats have none"
+                                  : "the file keeps no cells: build it from a mesh, or from points "
+                                    "by --connectivity delaunay, without --drop-cells");
 }
 
 // An empty picture is a picture, but hardly the one that was meant. A contour that is nowhere may be missed, too.
 Status warn_if_empty(const RenderOptions& options, const Player& player, const Image& image) {
   constexpr float least_alpha = 0.5f / 255;  // what 8 bits show
-  SPLATVOL_TRY_ASSIGN(outside, isovalues_outside(options, player));
+  SPLATVOL_TRY_ASSIGN(outside, contours_outside(player));
   if (std::ranges::any_of(image.pixels, [](const vec4& pixel) { return pixel.a >= least_alpha; })) {
     if (!outside.empty()) fmt::print(stderr, "svrender: {}\n", outside);
     return {};
@@ -75,8 +80,6 @@ Status warn_if_empty(const RenderOptions& options, const Player& player, const I
   EmptyReason why = why_empty(player.view(), transfer_of(player.scene()), player.streamer().shown_attributes(), bounds);
   if (player.shows_contours()) {
     why = {"no contour is in the picture", "take values that are in the data, or move the camera"};
-  } else if (!outside.empty()) {
-    why = {"the isovalue is nowhere", "take a value that is in the data"};
   } else if (!why) {
     SPLATVOL_TRY_ASSIGN(without_material, why_without_material(player.streamer().volume()));
     const bool draws = player.exact() ? player.exact()->chunks > 0 : player.frame()->splats > 0;
@@ -156,6 +159,7 @@ Status render(RenderOptions options) {
   const Player& player = *drawn.player;
   SPLATVOL_TRY_ASSIGN(image, player.image());
   timings.first_image = seconds_now() - start;
+  tell_of_shells(options, player);
   SPLATVOL_TRY(warn_if_empty(options, player, image));
   if (const auto left_out = player.left_out())
     fmt::print(stderr, "svrender: {}: --memory grants more\n", left_out->message);
@@ -168,8 +172,8 @@ Status render(RenderOptions options) {
                "is drawn behind all of them\n",
                most_surface_layers);
   if (!options.output.empty())
-    SPLATVOL_TRY(
-        write_page(composition, player.view(), std::move(image), options.output, provenance_of(options, drawn)));
+    SPLATVOL_TRY(write_page(composition, player.view(), time_of(player), std::move(image), options.output,
+                            provenance_of(options, drawn)));
 
   if (!options.stats.empty()) {
     if (!options.moves()) SPLATVOL_TRY(draw_steady_frames(options, drawn, timings));

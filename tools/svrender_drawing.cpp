@@ -22,22 +22,17 @@ namespace {
 bool is_default(const RenderOptions& options) { return options.quality == Quality(); }
 
 // A frame of a moving camera has all of its splats; one of a picture that is being read has those that are there.
-FrameRequest request_of(const RenderOptions& options, const Drawn& drawn) {
-  FrameRequest request{.detail = drawn.detail};
-  if (options.moves())
-    request.wait_seconds = 1e6;
-  else if (options.progresses())
-    request.wait_seconds = 0;
-  return request;
+std::optional<double> wait_seconds_of(const RenderOptions& options) {
+  if (options.moves()) return 1e6;
+  return options.progresses() ? std::optional(0.0) : std::nullopt;
 }
 
 Status draw_frame(const RenderOptions& options, Drawn& drawn, Timings& timings) {
   // If nobody asked for an exact picture, a step that has no cells is drawn by splats.
   const bool is_asked = drawn.chosen.quality.exact && !is_default(options);
-  if (is_asked || (drawn.is_exact && drawn.player->has_cells()))
-    SPLATVOL_TRY(drawn.player->draw_exact({}, drawn.options.sample_spacing));
-  else
-    SPLATVOL_TRY(drawn.player->draw_frame(request_of(options, drawn), drawn.options));
+  const bool is_exact = is_asked || (drawn.is_exact && drawn.player->has_cells());
+  const Recipe recipe{is_exact ? std::nullopt : std::optional(drawn.splats), drawn.sample_spacing};
+  SPLATVOL_TRY(drawn.player->draw(recipe, wait_seconds_of(options)));
   timings.add(drawn.player->times());
   return {};
 }
@@ -49,15 +44,16 @@ Status find_cut(Drawn& drawn, Timings& timings) {
   SPLATVOL_TRY_ASSIGN(picture, drawn.player->draw_picture({.max_error = max_error}));
   timings.add(drawn.player->times());
   drawn.search = std::move(picture.search);
-  drawn.detail.goal = ErrorGoal{drawn.search->learned * max_error};
-  drawn.options.sample_spacing = drawn.player->sample_spacing();
+  drawn.splats.goal = ErrorGoal{drawn.search->learned * max_error};
+  drawn.sample_spacing = drawn.player->sample_spacing();
   drawn.is_exact = drawn.player->exact().has_value();
   return {};
 }
 
 Status write_frame(const RenderOptions& options, const Composition& composition, const Drawn& drawn,
                    const std::string& path, Image image) {
-  return write_page(composition, drawn.player->view(), std::move(image), path, provenance_of(options, drawn));
+  return write_page(composition, drawn.player->view(), time_of(*drawn.player), std::move(image), path,
+                    provenance_of(options, drawn));
 }
 
 // Draws and writes frames until the picture is complete, and prints a line for each. Prints and returns the errors of
@@ -194,7 +190,7 @@ Result<Drawn> prepare(const RenderOptions& options, format::Steps steps, const S
 
   Drawn drawn{.chosen = {quality}};
   SPLATVOL_TRY(store(Player::open(std::move(steps), step, scene, setup), drawn.player));
-  if (quality.max_error || asks_for_splats(quality)) drawn.detail = expected_detail(quality);
+  if (quality.max_error || asks_for_splats(quality)) drawn.splats = expected_detail(quality);
   return drawn;
 }
 
@@ -205,7 +201,9 @@ Result<std::vector<Error>> draw_pictures(const RenderOptions& options, const Com
                                : draw_movement(options, composition, drawn, timings);
   std::vector<Error> errors;
   if (options.quality.milliseconds) {
-    SPLATVOL_TRY_SET(timings.rungs, drawn.player->draw_at_pace(1e-3 * *options.quality.milliseconds));
+    PaceSearch search(1e-3 * *options.quality.milliseconds);
+    SPLATVOL_TRY(drawn.player->draw_all(search));
+    timings.rungs = search.drawn();
     timings.add(drawn.player->times());
     return errors;
   }
@@ -233,6 +231,11 @@ Status draw_steady_frames(const RenderOptions& options, Drawn& drawn, Timings& t
     bar.update((i + 1.0) / options.repeat);
   }
   return {};
+}
+
+std::optional<double> time_of(const Player& player) {
+  const std::vector<double>& times = player.steps().times();
+  return times.empty() ? std::nullopt : std::optional(times[player.step()]);
 }
 
 const FrameSplats& splats_of(const Player& player) {

@@ -31,7 +31,7 @@ struct StepFrame {
 struct Timings {
   std::vector<ProgressFrame> progress;
   std::vector<StepFrame> steps;
-  std::vector<Rung> rungs;  // that --milliseconds tried; at the end that of the picture
+  std::vector<Recipe> rungs;  // that --milliseconds tried; at the end that of the picture
   double first_image = 0;
   double fetch = 0;
   double upload = 0;
@@ -45,8 +45,8 @@ struct Timings {
 struct Drawn {
   std::unique_ptr<Player> player = nullptr;
   ChosenQuality chosen = {};               // of the pictures
-  Detail detail = {};                      // of frames that are drawn one after another
-  DrawOptions options = {};                // of these
+  Detail splats = {};                      // of frames that are drawn one after another
+  int sample_spacing = 0;                  // of these
   bool is_exact = false;                   // these are exact where the file has cells
   std::optional<ErrorSearch> search = {};  // of an error, for the view that it was measured at
 };
@@ -61,6 +61,9 @@ struct Drawn {
 
 /// Draws --repeat frames of resident splats, and replaces the times of earlier frames.
 [[nodiscard]] Status draw_steady_frames(const RenderOptions& options, Drawn& drawn, Timings& timings);
+
+/// Returns the time of the step that is shown; none: the file is no series.
+[[nodiscard]] std::optional<double> time_of(const Player& player);
 
 /// Returns the splats of the last frame: of an exact picture none.
 [[nodiscard]] const FrameSplats& splats_of(const Player& player);

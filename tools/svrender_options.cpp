@@ -61,6 +61,7 @@ void add_page_options(CommandLine& app, RenderOptions& options) {
       ->range(2, 20);
   app.add_option("--unit", options.unit, "Unit over the scalar bar, in place of the attribute's")->type_name("WORDS");
   app.add_option("--title", options.title, "Words over the picture (.png)")->type_name("WORDS");
+  app.add_flag("--time-label", options.has_time, "Show the time of the step over the picture, behind the title (.png)");
   app.add_flag(
       "--transparent", options.transparent,
       "Keep the alpha of a .png, so that what lies behind shows through; words have a halo, to be read on anything");

@@ -33,6 +33,7 @@ struct RenderOptions {
   std::string background;  // see parse_color; empty: the scene's
   PlaneOptions planes;
   std::string title;
+  bool has_time = false;  // in the title
   bool scalar_bar = false;
   std::optional<int> ticks;         // of the scalar bar
   std::optional<std::string> unit;  // in place of the attribute's

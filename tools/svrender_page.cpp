@@ -19,11 +19,6 @@ void set_bar(const RenderOptions& options, Scene& scene) {
   if (options.unit) scene.scalar_bar.unit = *options.unit;
 }
 
-// Adds what the options show besides the scene. All data are about as large as their cube.
-Status add_planes(const RenderOptions& options, const format::Volume& volume, Scene& scene) {
-  return apply(options.planes, std::sqrt(3.0) * volume.info().cube.edge, scene);
-}
-
 Result<Scene> make_scene(const RenderOptions& options, const format::Volume& volume, std::array<int, 2> size) {
   FirstPicture picture{size[0], size[1], dvec3(0), options.turntable > 0};
   if (!options.background.empty()) {
@@ -35,7 +30,7 @@ Result<Scene> make_scene(const RenderOptions& options, const format::Volume& vol
     show_opacity(scene, std::move(opacity));
   }
   set_bar(options, scene);
-  SPLATVOL_TRY(add_planes(options, volume, scene));
+  SPLATVOL_TRY(apply(options.planes, scene));
   return scene;
 }
 
@@ -64,8 +59,9 @@ Status add_bar(const format::Volume& volume, Composition& composition) {
 
 // Lays out the page, and gives the scene the size that is left.
 Status lay_out(Composition& composition, std::array<int, 2> size) {
-  SPLATVOL_TRY_ASSIGN(page,
-                      lay_out_page(size[0], size[1], composition.text, bar_colors_of(composition.scene).function));
+  PageText text = composition.text;
+  if (composition.has_time) text.title = title_with_time(text.title, 0);
+  SPLATVOL_TRY_ASSIGN(page, lay_out_page(size[0], size[1], text, bar_colors_of(composition.scene).function));
   composition.page = page;
   composition.scene.width = page.picture_width;
   composition.scene.height = page.picture_height;
@@ -91,9 +87,10 @@ Status fit_scene(const RenderOptions& options, const format::Volume& volume, Com
 
 Status check_kind(const RenderOptions& options, const Composition& composition) {
   if (!composition.data) return {};
-  if (options.scalar_bar || !options.title.empty() || options.transparent)
+  if (options.scalar_bar || !options.title.empty() || options.has_time || options.transparent)
     return fail(ErrorCode::invalid_argument,
-                "{}: an .exr holds light and alpha alone; --title, --scalar-bar and --transparent need a .png",
+                "{}: an .exr holds light and alpha alone; --title, --time-label, --scalar-bar and --transparent need a "
+                ".png",
                 options.output);
   return {};
 }
@@ -116,7 +113,10 @@ Result<Composition> compose(const RenderOptions& options, const format::Steps& s
   composition.data = options.output.ends_with(".exr") || options.output.ends_with(".EXR");
   composition.transparent = options.transparent;
   composition.text.title = options.title;
+  composition.has_time = options.has_time;
   SPLATVOL_TRY(check_kind(options, composition));
+  if (options.has_time && steps.times().empty())
+    return fail(ErrorCode::invalid_argument, "--time-label: {} is no time series, so it has no times", steps.name());
   if (!options.scene.empty()) {
     SPLATVOL_TRY(store(read_scene(options), composition.scene));
   }
@@ -130,7 +130,7 @@ Result<Composition> compose(const RenderOptions& options, const format::Steps& s
   if (options.scene.empty()) {
     SPLATVOL_TRY(fit_scene(options, *volume, composition));
   } else {
-    if (options.planes.are_given()) SPLATVOL_TRY(add_planes(options, *volume, composition.scene));
+    if (options.planes.are_given()) SPLATVOL_TRY(apply(options.planes, composition.scene));
     if (options.scalar_bar) {
       SPLATVOL_TRY(add_bar(*volume, composition));
     }
@@ -147,15 +147,17 @@ Result<Composition> compose(const RenderOptions& options, const format::Steps& s
   return composition;
 }
 
-Status write_page(const Composition& composition, const View& view, Image image, const std::string& path,
-                  const Provenance& provenance) {
+Status write_page(const Composition& composition, const View& view, std::optional<double> time, Image image,
+                  const std::string& path, const Provenance& provenance) {
   const Scene& scene = composition.scene;
   if (path.ends_with(".exr") || path.ends_with(".EXR")) return write_image(path, image, scene.background, provenance);
   const dvec3 ink = ink_on(scene.background);
   const bool transparent = composition.transparent;
   if (composition.outline) draw_outline(image, view, *composition.outline, transparent ? ink_on_any() : ink);
-  SPLATVOL_TRY_ASSIGN(page, compose_page(composition.page, std::move(image), composition.text,
-                                         bar_colors_of(scene).function, ink, transparent));
+  PageText text = composition.text;
+  if (composition.has_time) text.title = title_with_time(text.title, time.value_or(0));
+  SPLATVOL_TRY_ASSIGN(
+      page, compose_page(composition.page, std::move(image), text, bar_colors_of(scene).function, ink, transparent));
   return write_image(path, page, scene.background, provenance, composition.transparent);
 }
 

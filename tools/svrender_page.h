@@ -22,6 +22,7 @@ struct Composition {
   std::optional<dvec3> turned_about;  // with --turntable: the middle of what is visible
   bool data = false;                  // the picture is an .exr: data for programs, without words and lines
   bool transparent = false;
+  bool has_time = false;  // the page tells the time of a step
 
   /// Returns the width and the height of the file that write_page writes, in pixels.
   [[nodiscard]] std::array<int, 2> written_size() const {
@@ -33,9 +34,9 @@ struct Composition {
 /// preamble and coarse parts of the volume.
 [[nodiscard]] Result<Composition> compose(const RenderOptions& options, const format::Steps& steps);
 
-/// Writes a picture of `view` as a page (.png) or as it is (.exr).
-[[nodiscard]] Status write_page(const Composition& composition, const View& view, Image image, const std::string& path,
-                                const Provenance& provenance);
+/// Writes a picture of `view` as a page (.png) or as it is (.exr). `time`: of the step, to be told.
+[[nodiscard]] Status write_page(const Composition& composition, const View& view, std::optional<double> time,
+                                Image image, const std::string& path, const Provenance& provenance);
 
 /// Reads "white", "black" or "#RRGGBB" (sRGB). Returns linear RGB.
 [[nodiscard]] Result<dvec3> parse_color(const std::string& text);

@@ -51,8 +51,8 @@ void add_frames(const Timings& timings, json& document) {
 }
 
 // The options that draw the picture of a rung again.
-std::string options_of(const Rung& rung) {
-  const std::string what = rung.is_exact() ? "--exact" : fmt::format("--splats {}", rung.splats);
+std::string options_of(const Recipe& rung) {
+  const std::string what = rung.is_exact() ? "--exact" : fmt::format("--splats {}", rung.most_splats());
   return fmt::format("{} --sampling {}", what, rung.sample_spacing);
 }
 
@@ -60,12 +60,12 @@ void add_rungs(const Drawn& drawn, const Timings& timings, json& document) {
   if (timings.rungs.empty()) return;
   document["milliseconds"] = *drawn.chosen.quality.milliseconds;
   document["rung"] = options_of(timings.rungs.back());
-  for (const Rung& rung : timings.rungs) document["rungs_tried"].push_back(options_of(rung));
+  for (const Recipe& rung : timings.rungs) document["rungs_tried"].push_back(options_of(rung));
 }
 
 // The detail that was asked for and the detail that the budgets allowed.
 void add_detail(const Drawn& drawn, json& document) {
-  const Detail& asked = drawn.player->request().detail;
+  const Detail& asked = drawn.player->asked_detail();
   const Detail& detail = drawn.player->frame()->detail;
   if (detail.goal) {
     const Quality& quality = drawn.chosen.quality;
@@ -136,9 +136,9 @@ void print_goal(const RenderOptions& options, const Drawn& drawn) {
   const FrameSplats& frame = *drawn.player->frame();
   if (drawn.search) return print_estimate(options, drawn);
   print_out("{}: {} splats, an error of {:.2g} expected\n", options.written(), frame.splats, frame.expected_error);
-  if (frame.splats > drawn.player->request().detail.goal->max_splats)
+  if (frame.splats > drawn.player->asked_detail().goal->max_splats)
     print_out("{}: more than {} splats: the coarsest that the view has\n", options.written(),
-              drawn.player->request().detail.goal->max_splats);
+              drawn.player->asked_detail().goal->max_splats);
 }
 
 }  // namespace
@@ -183,7 +183,7 @@ void print_summary(const RenderOptions& options, std::array<int, 2> size, const 
     return;
   }
   if (drawn.search) print_estimate_of_all(options, drawn);
-  const Detail& asked = drawn.player->request().detail;
+  const Detail& asked = drawn.player->asked_detail();
   if (frame.detail.resolution && *frame.detail.resolution < *asked.resolution &&
       frame.splats_by_resolution.size() > *asked.resolution)
     print_out("{}: resolution {} instead of {}, to stay within {}\n", options.written(), *frame.detail.resolution,

@@ -13,8 +13,8 @@ std::string drawn_text(const Session& session) {
   if (const auto& exact = session.exact())
     return fmt::format("{} segments of rays, in {} chunks of cells\n", exact->segments, exact->chunks);
   const FrameSplats& frame = *session.frame();
-  std::string text =
-      fmt::format("{} points as {} splats\n", session.info().point_count(), session.shown_recipe().rung.splats);
+  std::string text = fmt::format("{} points as {} splats\n", session.info().point_count(),
+                                 session.shown_recipe().recipe.most_splats());
   for (std::size_t r = 0; r < frame.splats_by_resolution.size(); ++r)
     if (frame.splats_by_resolution[r] > 0)
       text += fmt::format("  resolution {}: {} splats in {} nodes\n", r, frame.splats_by_resolution[r],
@@ -29,8 +29,8 @@ std::string error_text(const ShownRecipe& recipe) {
 // Tells how fine the picture is that is shown, and why it is not finer.
 std::string detail_text(const Session& session) {
   const ShownRecipe& shown = session.shown_recipe();
-  if (shown.rung.is_exact()) {
-    const int spacing = shown.rung.sample_spacing;
+  if (shown.recipe.is_exact()) {
+    const int spacing = shown.recipe.sample_spacing;
     if (spacing == 1) return "exact";
     const std::string text = fmt::format("exact, samples {} apart", spacing);
     if (shown.moves) return text + ", " + error_text(shown);
@@ -72,8 +72,8 @@ float draw_hud(ViewerState& viewer, double frame_seconds) {
                       bytes(session.settings.memory), bytes(session.device_bytes()));
   const std::string device = session.device_text(), name = device.substr(0, device.find(','));
   const bool is_open = name.find('(') != std::string::npos && name.find(')') == std::string::npos;
-  text += session.shown_recipe().rung.is_exact() ? "drawn by the processor\n"
-                                                 : fmt::format("drawn by {}{}\n", name, is_open ? ")" : "");
+  text += session.shown_recipe().recipe.is_exact() ? "drawn by the processor\n"
+                                                   : fmt::format("drawn by {}{}\n", name, is_open ? ")" : "");
   const std::uint64_t again = statistics.bytes_read_again;
   text +=
       fmt::format("{} of {} read{}, {} requests\n", bytes(statistics.bytes_read - again), bytes(session.file_bytes()),
@@ -118,7 +118,8 @@ void draw_keys(ViewerState& viewer) {
       {"wheel", "zoom to the pointer; with shift, or sideways: move"},
       {"click", "pin the value and its plot along the line of sight"},
       {"R", "see all again"},
-      {"1 2 3", "from +x, +y, +z; with shift from the other side"},
+      {"1 2 3 4", "from +x, +y, +z, a corner; with shift from the other side"},
+      {"N", "along the normal of the selected plane"},
       {"P", "perspective or orthographic"},
       {"F", "fly: W A S D E Q, arrows and left drag to look, shift for speed"},
       {"L", "lighting"},

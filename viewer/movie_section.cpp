@@ -18,7 +18,7 @@ void MovieSection::draw() {
   ImGui::SliderScalar("frames/s", ImGuiDataType_Double, &frames_per_second_, &slowest, &fastest, "%.3g",
                       ImGuiSliderFlags_AlwaysClamp);
   name_.draw("file##movie");
-  ImGui::BeginDisabled(filming_ || save_.saving() || (films_path_ && path_.path().cameras.size() < 2));
+  ImGui::BeginDisabled(filming_ || save_.saving() || (films_path_ && path_.path().views.size() < 2));
   if (ImGui::SmallButton("save movie (.mp4)")) save_movie();
   ImGui::EndDisabled();
   if (ImGui::IsItemHovered(ImGuiHoveredFlags_AllowWhenDisabled))

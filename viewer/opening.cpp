@@ -59,15 +59,14 @@ Opening::Opening(SessionHost& host, const SceneUse& asked, const std::string& sc
     SPLATVOL_TRY_ASSIGN(source, open_file_or_url(file));
     return std::make_unique<CountingSource>(std::move(source), count);
   };
-  const auto read = [=, conversion = Conversion{tell, preview_, all_steps}, stop = stop_.get_token()] {
-    const Interruptible interruptible(stop);
+  const auto read = [=, conversion = Conversion{tell, preview_, all_steps}] {
     return Session::read(asked, scene_path, settings, open_counted, conversion);
   };
   file_ = {host, read};
 }
 
 Opening::~Opening() {
-  stop_.request_stop();
+  file_.interrupt();
   // svbuild may be about to give the file its name.
   if (!preview_.empty() && file_.is_begun()) static_cast<void>(file_.wait(std::numeric_limits<double>::infinity()));
   end_preview();

@@ -63,7 +63,6 @@ class Opening {
   bool is_preview_begun_ = false;
   std::shared_ptr<Told> told_ = std::make_shared<Told>();
   std::shared_ptr<std::atomic<std::uint64_t>> bytes_read_ = std::make_shared<std::atomic<std::uint64_t>>(0);
-  std::stop_source stop_;
   Task<Result<SessionFile>> file_;
 };
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "viewer/contour_section.h"
 #include "viewer/window/gui_units.h"
 
 namespace splatvol {
@@ -114,7 +115,7 @@ void Panel::draw_transfer_section() {
   ImGui::BeginDisabled(session.is_reading());
   TransferFunction drawn = session.drawn_scene().transfer_function;
   if (editor_.draw(session.is_reading() ? drawn : session.scene.transfer_function, session.fitting_function(),
-                   session.attribute(), session.histogram(), session.range_of_all_steps()))
+                   session.attribute(), session.histogram(), session.range_of_all_steps(), session.scene.contours))
     session.show_visible();
   ImGui::EndDisabled();
   draw_opacity_controls();
@@ -139,10 +140,9 @@ std::optional<std::string> Panel::draw_sections() {
     movie.draw();
   }
   if (ImGui::CollapsingHeader("save")) file = save.draw();
-  if (ImGui::CollapsingHeader("slices, clip planes, isovalue")) {
+  if (ImGui::CollapsingHeader("slices, clip planes"))
     planes.draw_panel(session.scene, session.view(), session.bounds());
-    planes.draw_isovalue(session.scene, session.fitting_function(), session.bounds());
-  }
+  if (ImGui::CollapsingHeader("contours")) draw_contour_section(session);
   return file;
 }
 

@@ -27,6 +27,8 @@ class PathSection {
   void begin(const std::string& stem);
 
  private:
+  void draw_views();
+
   ViewerState& viewer_;
   SaveSection& save_;
   CameraPath path_;

@@ -13,6 +13,7 @@
 #include "renderer/transfer_table.h"
 #include "sampler/cell_line.h"
 #include "sampler/cell_sampler.h"
+#include "scene/clipped_depths.h"
 #include "splat/ellipsoid.h"
 #include "splat/kernel.h"
 
@@ -293,9 +294,14 @@ Result<std::shared_ptr<const ProbedCells>> ProbedCells::open(const format::Steps
 }
 
 void ProbedCells::take_values(const Ray& ray, Probe& probe) const {
-  const auto value = sample_cells(*cells_, std::span(&probe.position, 1));
-  if (!value) return;
-  if (!std::isnan(value->front())) probe.value = value->front();
+  constexpr double beside = 1e-5;  // a surface, of the distance: positions on it may be beside all cells by rounding
+  const double offset = probe.surface.empty() ? 0 : beside * glm::length(probe.position - ray.origin);
+  const std::array places = {probe.position, probe.position - offset * ray.direction,
+                             probe.position + offset * ray.direction};
+  const auto values = sample_cells(*cells_, std::span(places).first(probe.surface.empty() ? 1 : places.size()));
+  if (!values) return;
+  const auto known = std::ranges::find_if(*values, [](double value) { return !std::isnan(value); });
+  if (known != values->end()) probe.value = *known;
   if (probe.samples.size() < 2) return;
   const dvec3 start = ray.origin + probe.samples.front().distance * ray.direction;
   const dvec3 end = ray.origin + probe.samples.back().distance * ray.direction;
@@ -303,6 +309,69 @@ void ProbedCells::take_values(const Ray& ray, Probe& probe) const {
   if (!rows) return;
   const LineRows samples = in_equal_steps(*rows, start, end, probe.samples.size());
   for (std::size_t i = 0; i < probe.samples.size(); ++i) probe.samples[i].value = samples.values[0][i];
+}
+
+namespace {
+
+// A triangle of a surface that a ray meets.
+struct Hit {
+  double distance;
+  const Surface* surface;
+};
+
+// Returns the distances at which a ray meets a mesh.
+void add_hits(const Surface& surface, const View& view, const Ray& ray, std::vector<Hit>& hits) {
+  const TriangleMesh& mesh = *surface.mesh;
+  for (const auto& [i, j, k] : mesh.triangles) {
+    const dvec3 &p = mesh.points[i], u = mesh.points[j] - p, v = mesh.points[k] - p;
+    const dvec3 across = glm::cross(ray.direction, v), from = ray.origin - p, turned = glm::cross(from, u);
+    const double determinant = glm::dot(u, across);
+    if (determinant == 0) continue;
+    const double s = glm::dot(from, across) / determinant, t = glm::dot(ray.direction, turned) / determinant;
+    const double distance = glm::dot(v, turned) / determinant;
+    if (!(s >= 0 && t >= 0 && s + t <= 1 && distance > 0)) continue;
+    const dvec3 at = view.to_view(ray.origin + distance * ray.direction);
+    const double scale = view.orthographic ? 1 : at.z;
+    if (!is_clipped(view, at.x / scale, at.y / scale, at.z)) hits.push_back({distance, &surface});
+  }
+}
+
+// Returns the opacity of the volume up to a distance.
+double opacity_up_to(const std::optional<Probe>& volume, double distance) {
+  double opacity = 0;
+  if (volume)
+    for (const Probe::Sample& sample : volume->samples)
+      if (sample.distance <= distance) opacity = sample.opacity;
+  return opacity;
+}
+
+}  // namespace
+
+std::optional<Probe> with_surfaces(std::optional<Probe> volume, std::span<const Surface> surfaces, const View& view,
+                                   const Ray& ray) {
+  std::vector<Hit> hits;
+  for (const Surface& surface : surfaces)
+    if (surface.is_visible()) add_hits(surface, view, ray, hits);
+  std::ranges::sort(hits, {}, &Hit::distance);
+  double through = 1, before = 0, of_volume = 0, most = 0;  // shares of the light; `through`: what surfaces let pass
+  const Hit* largest = nullptr;
+  for (const Hit& hit : hits) {
+    const double opacity = opacity_up_to(volume, hit.distance);
+    of_volume += through * (opacity - before);
+    const double share = through * (1 - opacity) * hit.surface->style.opacity;
+    if (share > most) most = share, largest = &hit;
+    through *= 1 - hit.surface->style.opacity;
+    before = opacity;
+  }
+  of_volume += through * ((volume ? volume->opacity : 0) - before);
+  if (!largest || most <= of_volume) return volume;
+  const SceneSurface& style = largest->surface->style;
+  Probe probe = volume ? *std::move(volume) : Probe{};
+  probe.value = std::numeric_limits<double>::quiet_NaN();
+  probe.position = ray.origin + largest->distance * ray.direction;
+  probe.opacity = 1 - through * (1 - probe.opacity);
+  probe.surface = style.boundary.empty() ? style.file : style.boundary;
+  return probe;
 }
 
 std::optional<Probe> probe_slices(const DrawList& sliced, const DrawingUnits& units, const View& view, const Ray& ray) {

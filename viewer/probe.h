@@ -5,12 +5,14 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "base/math.h"
 #include "format/steps.h"
+#include "renderer/surfaces/surface.h"
 #include "sampler/cell_tetrahedra.h"
 #include "scene/scene.h"
 #include "splat/record.h"
@@ -37,8 +39,9 @@ struct Looking {
 
 /// What a ray meets.
 struct Probe {
-  double value;    // at `position`: the mean of the splats there, weighted by their densities; or the mesh's own
-  dvec3 position;  // the ray has lost half of the light there that it loses in all
+  double
+      value;  // at `position`: the mean of the splats there, weighted by their densities; or the mesh's own; NaN: none
+  dvec3 position;  // the ray has lost half of the light there that the volume takes; or that of a surface
   double opacity;  // of the whole ray, [0, 1]
 
   /// Equally far from each other, from the first splat to the last.
@@ -48,6 +51,8 @@ struct Probe {
     double opacity;   // of the ray up to here
   };
   std::vector<Sample> samples;
+
+  std::string surface = {};  // the name of the one at `position`; empty: the volume or a slice
 };
 
 /// Splats of a frame that rays can be followed through. Holds the frame's rows: they stay in memory.
@@ -86,7 +91,8 @@ class ProbedCells {
                                                                        const std::string& attribute);
 
   /// Replaces the values of a probe by those of the cells, also in the samples. Where no cell is, the value at the
-  /// position stays, and a sample has none. If the cells cannot be read, all values stay.
+  /// position stays, and a sample has none. On a surface, the nearest cell on either side counts. If the cells cannot
+  /// be read, all values stay.
   void take_values(const Ray& ray, Probe& probe) const;
 
  private:
@@ -96,6 +102,11 @@ class ProbedCells {
   std::shared_ptr<const format::Volume> volume_;
   std::unique_ptr<const CellTetrahedra> cells_;
 };
+
+/// Returns a probe of the surface that has the largest share of the light along a ray, if one has more than the volume:
+/// without a value. Else returns `volume`: the probe of the volume; none: the ray meets nothing of it.
+[[nodiscard]] std::optional<Probe> with_surfaces(std::optional<Probe> volume, std::span<const Surface> surfaces,
+                                                 const View& view, const Ray& ray);
 
 /// Returns the value where a ray meets the nearest slice of the view that has one there, without samples; none without
 /// such a slice. `sliced`: FrameSplats::sliced.

@@ -21,9 +21,10 @@ std::string with_unit(double value, const format::Attribute& attribute) {
 }
 
 std::string words_of(const Probe& probe, const format::Attribute& attribute) {
-  return fmt::format("{} {}\nat {:.5g}, {:.5g}, {:.5g}\nopacity {:.0f} %", attribute.name,
-                     with_unit(probe.value, attribute), probe.position.x, probe.position.y, probe.position.z,
-                     100 * probe.opacity);
+  return fmt::format("{}{}{} {}\nat {:.5g}, {:.5g}, {:.5g}\nopacity {:.0f} %", probe.surface,
+                     probe.surface.empty() ? "" : "\n", attribute.name,
+                     std::isnan(probe.value) ? "none here" : with_unit(probe.value, attribute), probe.position.x,
+                     probe.position.y, probe.position.z, 100 * probe.opacity);
 }
 
 std::string table_of(const Probe& probe, const format::Attribute& attribute) {
@@ -98,6 +99,7 @@ Probes::Question Probes::question_about(const Looking& looking) const {
   const Scene& drawn = viewer_.session->drawn_scene();
   Question question{viewer_.session->frame()->serial, drawn.transfer_function, {}, looking, {}};
   if (drawn.opacity) question.opacity_function = drawn.opacity->function;
+  question.surfaces = drawn.surfaces;
   const View& view = viewer_.session->view();
   const dvec3 at = view.to_view(looking.ray.origin + looking.ray.direction);
   const dvec3 from = view.to_view(looking.ray.origin);
@@ -117,13 +119,16 @@ void Probes::ask(const Question& question) {
   const bool is_known = last_.frame && answered_->serial == question.serial;
   auto answer = [question, units = session.units(), steps = session.steps(), step = session.step(),
                  attribute = session.drawn_scene().attribute, known = is_known ? last_.frame : nullptr,
-                 cells = last_.cells, list = is_known ? DrawList() : session.frame()->list]() mutable -> Answer {
+                 cells = last_.cells, surfaces = session.surfaces(), view = session.view(),
+                 list = is_known ? DrawList() : session.frame()->list]() mutable -> Answer {
     if (!known) {
       known = std::make_shared<const ProbedFrame>(std::move(list), units);
       cells = ProbedCells::open(steps, step, attribute).value_or(nullptr);
     }
     const auto& factors = question.opacity_function;
-    auto probe = known->probe({question.function, factors ? &*factors : nullptr}, question.looking, question.opacity);
+    auto probe = with_surfaces(
+        known->probe({question.function, factors ? &*factors : nullptr}, question.looking, question.opacity), surfaces,
+        view, question.looking.ray);
     if (probe && cells) cells->take_values(question.looking.ray, *probe);
     return {std::move(known), std::move(cells), std::move(probe)};
   };

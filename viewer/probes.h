@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include "viewer/probe.h"
 #include "viewer/state.h"
@@ -40,6 +41,7 @@ class Probes {
     std::optional<TransferFunction> opacity_function;
     Looking looking;
     std::optional<double> opacity;  // as in ProbedFrame::probe
+    std::vector<SceneSurface> surfaces = {};
 
     [[nodiscard]] bool operator==(const Question&) const = default;
   };

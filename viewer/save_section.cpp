@@ -91,6 +91,7 @@ void SaveSection::draw_picture_controls() {
   int light = is_light(scene.background) ? 1 : 0;
   if (ImGui::Combo("background", &light, "dark\0white\0")) adapt_to_background(scene, dvec3(light));
   title_.draw("title");
+  if (viewer_.session->times().size() > 1) ImGui::Checkbox("time in the file", &saves_time_);
   ImGui::Checkbox("scalar bar in the file", &saves_bar_);
   ImGui::SameLine();
   ImGui::Checkbox("transparent", &saves_transparent_);
@@ -156,6 +157,8 @@ Result<SaveSection::Layout> SaveSection::lay_out(const std::string& path) const 
   Layout layout{.page = {}, .text = {}, .is_transparent = saves_transparent_};
   if (!has_extension(path, ".exr")) {
     layout.text.title = title_.text();
+    const std::vector<double>& times = session.times();
+    if (saves_time_ && times.size() > 1) layout.text.title = title_with_time(layout.text.title, times[session.step()]);
     if (saves_bar_) layout.text.bar = label_of(session.bar_attribute());
     layout.text.ticks = session.scene.scalar_bar.ticks;
   }

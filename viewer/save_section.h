@@ -88,7 +88,7 @@ class SaveSection {
 
   ViewerState& viewer_;
   TextField scene_name_, picture_name_, title_;
-  bool saves_bar_ = false, saves_transparent_ = false, saves_as_shown_ = true;
+  bool saves_bar_ = false, saves_time_ = false, saves_transparent_ = false, saves_as_shown_ = true;
   std::array<int, 2> saved_size_ = {1920, 1080};
   std::optional<Question> question_;
   std::optional<Saving> saving_;

@@ -8,7 +8,6 @@
 #include <cmath>
 
 #include "pictures/ticks.h"
-#include "scene/isovalue.h"
 #include "viewer/window/gui_units.h"
 
 namespace splatvol {
@@ -85,8 +84,6 @@ dvec3 towards_eye(const View& view) {
   direction[axis] = view.forward[axis] > 0 ? -1 : 1;
   return direction;
 }
-
-double size_of(const Box& bounds) { return std::max(glm::length(bounds.extent()), 1e-300); }
 
 // A slider along the normal. The point moves within the plane, next to the middle of the data.
 void draw_offset(dvec3& point, const dvec3& normal, const Box& bounds) {
@@ -208,36 +205,6 @@ void SliceControls::add_slice(Scene& scene, const View& view, const Box& bounds)
   if (scene.slices.size() >= most_planes) return;
   selected_ = {true, scene.slices.size()};
   scene.slices.push_back({.point = point_in_sight(scene, bounds), .normal = towards_eye(view)});
-}
-
-void SliceControls::draw_isovalue(Scene& scene, const TransferFunction& fitting, const Box& bounds) {
-  TransferFunction& function = scene.transfer_function;
-  auto isovalue = isovalue_of(function);
-  bool shown = isovalue.has_value();
-  if (ImGui::Checkbox("isovalue", &shown)) {
-    if (shown) {
-      before_ = function.densities;
-      static_cast<void>(show_isovalue(scene, function.value_at(0.5), std::nullopt, size_of(bounds)));
-    } else {
-      function.densities = before_.value_or(fitting.densities);
-    }
-    isovalue = isovalue_of(function);
-  }
-  hint("Shows a shell of one value, lit: a narrow peak of the opacity.");
-  if (!isovalue) return;
-  // The opacity of the shell stays: what is narrower is denser.
-  const double least = function.lo, most = function.hi, narrowest = 1e-4 * (most - least), widest = most - least;
-  Isovalue changed = *isovalue;
-  const auto flags = ImGuiSliderFlags_AlwaysClamp;
-  const std::string number = fmt::format("%.{}g", digits_of_range(least, most));
-  const bool moved =
-      ImGui::SliderScalar("value", ImGuiDataType_Double, &changed.value, &least, &most, number.c_str(), flags);
-  hint("In the attribute's unit, within the range.\nControl click: type a number.");
-  const bool widened = ImGui::SliderScalar("width", ImGuiDataType_Double, &changed.width, &narrowest, &widest, "%.3g",
-                                           flags | ImGuiSliderFlags_Logarithmic);
-  hint("Of the peak, in the attribute's unit.\nControl click: type a number.");
-  if (widened && changed.width > 0) changed.density *= isovalue->width / changed.width;
-  if (moved || widened) function.densities = densities_of(function, changed);
 }
 
 void SliceControls::draw_handles(const Scene& scene, const View& view, const Box& bounds, const PictureArea& area,

@@ -1,4 +1,4 @@
-// Slices, clip planes and the isovalue: their part of the panel, and handles in the picture that move and turn planes.
+// Slices and clip planes: their part of the panel, and handles in the picture that move and turn them.
 #pragma once
 
 #include <cstddef>
@@ -21,9 +21,6 @@ class SliceControls {
   /// the axis that is nearest to the line of sight.
   void add_slice(Scene& scene, const View& view, const Box& bounds);
 
-  /// Draws the switch and the sliders of the isovalue. `fitting`: the function that is shown when it is switched off.
-  void draw_isovalue(Scene& scene, const TransferFunction& fitting, const Box& bounds);
-
   /// Draws the selected plane's outline and handles over the picture. `pointer`: in the window.
   void draw_handles(const Scene& scene, const View& view, const Box& bounds, const PictureArea& area,
                     const dvec2& pointer) const;
@@ -37,8 +34,11 @@ class SliceControls {
   void release() { held_.reset(); }
   [[nodiscard]] bool is_held() const { return held_.has_value(); }
 
+  /// Returns the selected plane; none: none is selected.
+  [[nodiscard]] std::optional<Plane> plane(const Scene& scene) const;
+
   /// Selects no plane: for another scene.
-  void reset() { selected_.reset(), held_.reset(), before_.reset(); }
+  void reset() { selected_.reset(), held_.reset(); }
 
  private:
   // A slice or a clip plane of the scene, by its number.
@@ -55,7 +55,6 @@ class SliceControls {
     dvec3* normal;
   };
   [[nodiscard]] std::optional<Selected> selected(Scene& scene) const;
-  [[nodiscard]] std::optional<Plane> plane(const Scene& scene) const;
   [[nodiscard]] std::optional<Handle> handle_at(const Scene& scene, const View& view, const PictureArea& area,
                                                 const dvec2& pointer) const;
   bool draw_row(const Selection& which, bool& shown);
@@ -64,7 +63,6 @@ class SliceControls {
 
   std::optional<Selection> selected_;
   std::optional<Handle> held_;
-  std::optional<std::vector<TransferFunction::Density>> before_;  // the densities before the isovalue
 };
 
 }  // namespace splatvol

@@ -7,9 +7,9 @@
 #include "player/events.h"
 #include "player/session.h"
 #include "player/steering.h"
+#include "player/thread_host.h"
 #include "viewer/messages.h"
 #include "viewer/overlay.h"
-#include "viewer/thread_host.h"
 
 namespace splatvol {
 

@@ -107,11 +107,11 @@ void TransferEditor::choose_preset(TransferFunction& function) const {
 
 bool TransferEditor::draw(TransferFunction& function, const TransferFunction& fitting,
                           const format::Attribute& attribute, const std::array<std::uint64_t, 64>& histogram,
-                          const format::StepRange& all) {
+                          const format::StepRange& all, std::vector<SceneContour>& contours) {
   choose_preset(function);
   // A dragged point must not move the axis that it is dragged along.
   if (!density_) top_ = std::max(1.25 * largest_extinction(function), 1e-30);
-  edit_densities(function, attribute, histogram, "extinction", " per unit of length");
+  edit_densities(function, attribute, histogram, "extinction", " per unit of length", contours);
   edit_colors(function);
 
   edit_range(function, attribute);
@@ -197,8 +197,8 @@ void TransferEditor::draw_histogram(const Area& area, const TransferFunction& fu
 }
 
 void TransferEditor::edit_densities(TransferFunction& function, const format::Attribute& attribute,
-                                    const std::array<std::uint64_t, 64>& histogram, const char* name,
-                                    const char* unit) {
+                                    const std::array<std::uint64_t, 64>& histogram, const char* name, const char* unit,
+                                    std::span<SceneContour> contours) {
   Area area = Area::make("##densities", 110 * gui_unit());
   area.top = top_;
   area.logarithmic = log_opacity_;
@@ -222,8 +222,10 @@ void TransferEditor::edit_densities(TransferFunction& function, const format::At
     list.AddCircleFilled(at, 4 * gui_unit(), IM_COL32(255, 210, 80, 255));
     if (distance < least) nearest = i, least = distance;
   }
-  area.click(points, nearest, {area.pointer_t(), area.pointer_density()}, density_);
   if (!area.active) density_.reset();
+  edit_contours(area, function, contours);
+  if (contour_) return;
+  area.click(points, nearest, {area.pointer_t(), area.pointer_density()}, density_);
   if (density_ && *density_ < points.size()) {
     move_point(points, *density_, area.pointer_t());
     points[*density_].extinction = area.pointer_density();
@@ -232,6 +234,36 @@ void TransferEditor::edit_densities(TransferFunction& function, const format::At
     ImGui::SetTooltip("%.*g %s\n%s %.3g%s\nclick: add or drag, right click: remove",
                       digits_of_range(function.lo, function.hi), function.value_at(area.pointer_t()),
                       attribute.unit.c_str(), name, function.density_factor * area.pointer_density(), unit);
+}
+
+// A line for each value, with a handle at its upper end. No two values become equal.
+void TransferEditor::edit_contours(const Area& area, const TransferFunction& function,
+                                   std::span<SceneContour> contours) {
+  ImDrawList& list = *ImGui::GetWindowDrawList();
+  const float half = 5 * gui_unit(), height = 9 * gui_unit();
+  if (!area.active) contour_.reset();
+  std::optional<ContourValue> under;
+  bool is_taken = false;  // another value is where the pointer is
+  const double pointed = function.value_at(area.pointer_t());
+  for (std::size_t i = 0; i < contours.size(); ++i)
+    for (std::size_t j = 0; j < contours[i].values.size(); ++j) {
+      const double value = contours[i].values[j], t = function.t_of(value);
+      is_taken = is_taken || value == pointed;
+      if (!contours[i].shown || t < 0 || t > 1) continue;
+      const float x = area.x(t), y = area.low.y;
+      const ImU32 color = gui_color(contours[i].color.value_or(function.color_at(t)));
+      list.AddLine({x, y}, {x, area.high.y}, IM_COL32(0, 0, 0, 255), 3 * gui_unit());
+      list.AddLine({x, y}, {x, area.high.y}, color, gui_unit());
+      list.AddTriangleFilled({x - half, y}, {x + half, y}, {x, y + height}, color);
+      list.AddTriangle({x - half, y}, {x + half, y}, {x, y + height}, IM_COL32_WHITE, gui_unit());
+      if (std::abs(x - area.pointer.x) <= half && area.pointer.y <= y + height) under = {i, j};
+    }
+  if (under && area.is_clicked(ImGuiMouseButton_Left)) contour_ = under;
+  if (contour_ && contour_->contour < contours.size() && contour_->value < contours[contour_->contour].values.size()) {
+    double& value = contours[contour_->contour].values[contour_->value];
+    if (!is_taken && ImGui::IsMouseDragging(ImGuiMouseButton_Left, 0)) value = pointed;
+    ImGui::SetTooltip("contour at %.*g", digits_of_range(function.lo, function.hi), value);
+  }
 }
 
 void TransferEditor::pick_color(TransferFunction& function) const {

@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include "player/choice.h"
+#include "viewer/coloring.h"
 #include "viewer/window/gui_units.h"
 
 namespace splatvol {
@@ -155,6 +156,28 @@ void draw_clip_box_controls(Scene& scene, const Box& bounds) {
   }
 }
 
+// One choice for all surfaces that are shown. It comes below them, so that their rows stay.
+static void draw_surface_colors(Session& session) {
+  std::vector<SceneSurface>& surfaces = session.scene.surfaces;
+  const auto first = std::ranges::find_if(surfaces, &SceneSurface::shown);
+  if (first == surfaces.end()) return;
+  ImGui::BeginDisabled(!session.info().cells);
+  if (ImGui::BeginCombo("surfaces by", first->color_by ? first->color_by->attribute.c_str() : "their colours")) {
+    const auto color = [&](const std::optional<SceneColoring>& coloring) {
+      for (SceneSurface& surface : surfaces)
+        if (surface.shown) surface.color_by = coloring;
+    };
+    if (ImGui::Selectable("their colours", !first->color_by)) color(std::nullopt);
+    for (const format::Attribute& attribute : session.info().attributes)
+      if (ImGui::Selectable(attribute.name.c_str(), first->color_by && first->color_by->attribute == attribute.name))
+        color(coloring_by(session.scene, attribute));
+    ImGui::EndCombo();
+  }
+  ImGui::EndDisabled();
+  hint(session.info().cells ? "The values of the cells at the surfaces that are shown"
+                            : "This file keeps no cells, and only these have values at surfaces.");
+}
+
 void draw_surface_controls(Session& session) {
   std::vector<SceneSurface>& surfaces = session.scene.surfaces;
   const std::vector<SurfaceRow> rows = rows_of(surfaces, patches_of(session.info()));
@@ -172,6 +195,7 @@ void draw_surface_controls(Session& session) {
       surfaces.push_back({.boundary = row.name});
   }
   if (scrolls) ImGui::EndChild();
+  draw_surface_colors(session);
   if (const auto left_out = session.left_out())
     ImGui::TextWrapped("%s: svview --memory grants more", left_out->message.c_str());
 }

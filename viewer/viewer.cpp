@@ -91,8 +91,8 @@ Status Viewer::take_preview() {
   preview_.reset();
   opening_->end_preview();
   if (!file) return {};
-  file->path = opening_->path();
-  file->pieces = opening_->asked().pieces;
+  file->source.path = opening_->path();
+  file->source.pieces = opening_->asked().pieces;
   SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(*file), state_.host));
   const Scene first = session->scene;
   show(std::move(session));
@@ -342,6 +342,16 @@ void Viewer::press_key(int code) {
   if (code == 'H') toggle(state_.shown.hud);
   if (code == 'C') toggle(state_.shown.cut);
   if (code == 'X') panel_.planes.add_slice(session->scene, session->view(), session->bounds());
+  if (code == 'N') look_along_plane(*session);
+}
+
+// Looks at the selected plane from the side that is nearer to the eye.
+void Viewer::look_along_plane(Session& session) {
+  const auto plane = panel_.planes.plane(session.scene);
+  if (!plane)
+    return state_.messages.note("Select a slice or a clip plane in the panel, and then look along its normal");
+  const double towards = glm::dot(plane->normal, session.view().forward);
+  Steering::look_from(session, towards > 0 ? -plane->normal : plane->normal);
 }
 
 // Moves on what plays.

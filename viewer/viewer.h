@@ -113,6 +113,7 @@ class Viewer {
   [[nodiscard]] Status draw_frame(const FrameInput& input);
   void draw_controls();
   [[nodiscard]] Status draw_picture(double seconds);
+  void look_along_plane(Session& session);
   void draw_overlays();
   void note_picture(double seconds);
   void tell_troubles();

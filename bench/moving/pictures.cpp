@@ -115,7 +115,7 @@ Result<Image> ExactPictures::picture_of(const Scene& scene, std::size_t step) {
   if (step != player_->step()) SPLATVOL_TRY(player_->show_step(step));
   SPLATVOL_TRY(player_->set_scene(scene));
   if (player_->has_cells())
-    SPLATVOL_TRY(player_->draw_exact());
+    SPLATVOL_TRY(player_->draw(Recipe::of_cells()));
   else
     SPLATVOL_TRY(player_->draw_picture({.tolerance_percent = 0}));
   return player_->image();

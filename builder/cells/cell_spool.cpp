@@ -103,6 +103,89 @@ void for_each_single(const CellSource& source, std::size_t first, std::size_t co
   }
 }
 
+CellSpool::Counts count_shapes(const CellSource& source) {
+  CellSpool::Counts counts{};
+  std::uint64_t parts = 0;
+  for (const WholeCell& cell : source.whole) {
+    ++counts[static_cast<std::size_t>(cell.shape)];
+    parts += cell.count;
+  }
+  counts[static_cast<std::size_t>(format::CellShape::tetrahedron)] = source.tetrahedra.size() - parts;
+  return counts;
+}
+
+// Packs the cells of a piece, in blocks that do not depend on each other.
+class PiecePacker {
+ public:
+  PiecePacker(const CellSource& source, const BlockHead& head) : source_(source), head_(head) {}
+
+  // Tetrahedra that no whole cell has.
+  void pack_single(std::size_t block, std::vector<std::byte>& bytes) const {
+    BlockPacker packer(source_, head_, bytes);
+    for_each_single(source_, block * block_cells, block_cells, [&](std::size_t i) { add_tetrahedron(i, packer); });
+    packer.finish();
+  }
+
+  // Pyramids, wedges or hexahedra.
+  void pack_whole(format::CellShape shape, std::size_t block, std::vector<std::byte>& bytes) const {
+    BlockPacker packer(source_, head_of(shape), bytes);
+    for (const WholeCell& whole : block_of(block, block_cells)) {
+      SpooledCell cell{.corners = whole.corners, .split = whole.split};
+      if (whole.shape == shape && set_point(whole.first, cell)) packer.add(cell);
+    }
+    packer.finish();
+  }
+
+  // Polyhedra; `others` receives those that a file cannot keep as such.
+  void pack_polyhedra(std::size_t block, std::vector<std::byte>& bytes, std::vector<WholeCell>& others) const {
+    BlockPacker packer(source_, head_of(format::CellShape::polyhedron), bytes);
+    for (const WholeCell& whole : block_of(block, block_polyhedra)) {
+      SpooledCell cell;
+      if (whole.shape != format::CellShape::polyhedron || !set_point(whole.first, cell)) continue;
+      if (!packer.add_polyhedron(source_.tetrahedra.subspan(whole.first, whole.count), cell.point))
+        others.push_back(whole);
+    }
+    packer.finish();
+  }
+
+  // The tetrahedra of whole cells.
+  void pack_tetrahedra(std::span<const WholeCell> cells, std::vector<std::byte>& bytes) const {
+    BlockPacker packer(source_, head_, bytes);
+    for (const WholeCell& whole : cells)
+      for (std::size_t i = whole.first; i < std::size_t{whole.first} + whole.count; ++i) add_tetrahedron(i, packer);
+    packer.finish();
+  }
+
+ private:
+  [[nodiscard]] BlockHead head_of(format::CellShape shape) const {
+    BlockHead head = head_;
+    head.shape = shape;
+    return head;
+  }
+
+  [[nodiscard]] std::span<const WholeCell> block_of(std::size_t block, std::size_t size) const {
+    const auto cells = source_.whole.subspan(block * size);
+    return cells.first(std::min(size, cells.size()));
+  }
+
+  // Sets the point of a cell, and returns whether it has one.
+  bool set_point(std::size_t tetrahedron, SpooledCell& cell) const {
+    if (!source_.points.empty()) cell.point = source_.points[tetrahedron];
+    return source_.points.empty() || cell.point != PointCells::no_point;
+  }
+
+  void add_tetrahedron(std::size_t number, BlockPacker& packer) const {
+    SpooledCell cell;
+    std::ranges::copy(source_.tetrahedra[number], cell.corners.begin());
+    if (set_point(number, cell)) packer.add(cell);
+  }
+
+  const CellSource& source_;
+  BlockHead head_;  // of tetrahedra
+};
+
+std::size_t blocks_of(std::size_t cells, std::size_t size) { return (cells + size - 1) / size; }
+
 }  // namespace
 
 void unpack(const CellBlock& block, std::vector<SpooledCell>& cells) {
@@ -124,86 +207,34 @@ void unpack(const CellBlock& block, std::vector<SpooledCell>& cells) {
 
 Status CellSpool::add(const Piece& piece) {
   using format::CellShape;
+  using Bytes = std::vector<std::byte>;
   const CellSource source = cells_of(piece);
-  Counts of_piece{};
-  std::uint64_t parts = 0;
-  for (const WholeCell& cell : source.whole) {
-    ++of_piece[static_cast<std::size_t>(cell.shape)];
-    parts += cell.count;
-  }
-  of_piece[static_cast<std::size_t>(CellShape::tetrahedron)] = source.tetrahedra.size() - parts;
+  const Counts of_piece = count_shapes(source);
   for (std::size_t shape = 0; shape < counts_.size(); ++shape) counts_[shape] += of_piece[shape];
-  const BlockHead head{.piece = pieces_++,
-                       .piece_points = static_cast<std::uint32_t>(piece.points.size()),
-                       .piece_corners = static_cast<std::uint32_t>(source.corners.size()),
-                       .bytes = 0,
-                       .shape = CellShape::tetrahedron,
-                       .field = piece.cells ? format::CellField::constant : format::CellField::corners};
-  // Sets the point of a cell, and returns whether it has one.
-  const auto set_point = [&](std::size_t tetrahedron, SpooledCell& cell) {
-    if (!source.points.empty()) cell.point = source.points[tetrahedron];
-    return source.points.empty() || cell.point != PointCells::no_point;
-  };
-  const auto blocks_of = [](std::size_t cells) { return (cells + block_cells - 1) / block_cells; };
-  const auto pack_single = [&](std::size_t block, std::vector<std::byte>& bytes) {
-    BlockPacker packer(source, head, bytes);
-    for_each_single(source, block * block_cells, block_cells, [&](std::size_t i) {
-      SpooledCell cell;
-      std::ranges::copy(source.tetrahedra[i], cell.corners.begin());
-      if (set_point(i, cell)) packer.add(cell);
-    });
-    packer.finish();
-  };
-  SPLATVOL_TRY(append_blocks(blocks_of(source.tetrahedra.size()), pack_single));
-  for (const CellShape shape : {CellShape::pyramid, CellShape::wedge, CellShape::hexahedron}) {
-    BlockHead of_shape = head;
-    of_shape.shape = shape;
-    const auto pack = [&](std::size_t block, std::vector<std::byte>& bytes) {
-      BlockPacker packer(source, of_shape, bytes);
-      const auto cells = source.whole.subspan(block * block_cells);
-      for (const WholeCell& whole : cells.first(std::min(block_cells, cells.size()))) {
-        SpooledCell cell{.corners = whole.corners, .split = whole.split};
-        if (whole.shape == shape && set_point(whole.first, cell)) packer.add(cell);
-      }
-      packer.finish();
-    };
-    SPLATVOL_TRY(append_blocks(blocks_of(source.whole.size()), pack));
-  }
+  const PiecePacker packer(source, {.piece = pieces_++,
+                                    .piece_points = static_cast<std::uint32_t>(piece.points.size()),
+                                    .piece_corners = static_cast<std::uint32_t>(source.corners.size()),
+                                    .bytes = 0,
+                                    .shape = CellShape::tetrahedron,
+                                    .field = piece.cells ? format::CellField::constant : format::CellField::corners});
+  SPLATVOL_TRY(append_blocks(blocks_of(source.tetrahedra.size(), block_cells),
+                             [&](std::size_t block, Bytes& bytes) { packer.pack_single(block, bytes); }));
+  for (const CellShape shape : {CellShape::pyramid, CellShape::wedge, CellShape::hexahedron})
+    SPLATVOL_TRY(append_blocks(blocks_of(source.whole.size(), block_cells),
+                               [&](std::size_t block, Bytes& bytes) { packer.pack_whole(shape, block, bytes); }));
   if (of_piece[static_cast<std::size_t>(CellShape::polyhedron)] == 0) return {};
 
   // Tetrahedra of those that a file cannot keep as polyhedra follow.
-  const std::size_t blocks = (source.whole.size() + block_polyhedra - 1) / block_polyhedra;
-  std::vector<std::vector<WholeCell>> others(blocks);
-  BlockHead of_polyhedra = head;
-  of_polyhedra.shape = CellShape::polyhedron;
-  const auto pack_polyhedra = [&](std::size_t block, std::vector<std::byte>& bytes) {
-    BlockPacker packer(source, of_polyhedra, bytes);
-    const auto cells = source.whole.subspan(block * block_polyhedra);
-    for (const WholeCell& whole : cells.first(std::min(block_polyhedra, cells.size()))) {
-      SpooledCell cell;
-      if (whole.shape != CellShape::polyhedron || !set_point(whole.first, cell)) continue;
-      if (!packer.add_polyhedron(source.tetrahedra.subspan(whole.first, whole.count), cell.point))
-        others[block].push_back(whole);
-    }
-    packer.finish();
-  };
-  SPLATVOL_TRY(append_blocks(blocks, pack_polyhedra));
-  const auto pack_others = [&](std::size_t block, std::vector<std::byte>& bytes) {
-    BlockPacker packer(source, head, bytes);
-    for (const WholeCell& whole : others[block])
-      for (std::size_t i = whole.first; i < std::size_t{whole.first} + whole.count; ++i) {
-        SpooledCell cell;
-        std::ranges::copy(source.tetrahedra[i], cell.corners.begin());
-        if (set_point(i, cell)) packer.add(cell);
-      }
-    packer.finish();
-  };
+  std::vector<std::vector<WholeCell>> others(blocks_of(source.whole.size(), block_polyhedra));
+  SPLATVOL_TRY(append_blocks(
+      others.size(), [&](std::size_t block, Bytes& bytes) { packer.pack_polyhedra(block, bytes, others[block]); }));
   for (const std::vector<WholeCell>& of_block : others)
     for (const WholeCell& whole : of_block) {
       --counts_[static_cast<std::size_t>(CellShape::polyhedron)];
       counts_[static_cast<std::size_t>(CellShape::tetrahedron)] += whole.count;
     }
-  return append_blocks(blocks, pack_others);
+  return append_blocks(others.size(),
+                       [&](std::size_t block, Bytes& bytes) { packer.pack_tetrahedra(others[block], bytes); });
 }
 
 // Packs blocks on several threads, and appends those that have cells in order.

@@ -57,34 +57,37 @@ void PointLeaves::split(std::uint32_t begin, std::uint32_t end, Box cell, Origin
     origin.block = static_cast<std::uint32_t>(blocks_.size());
     blocks_.push_back(cell);
   }
-  int axis = 0;
-  double middle = 0;
-  for (;;) {
-    cut_to_entries(box, cell, origin);
-    axis = longest_axis(cell.extent());
-    middle = (cell.low[axis] + cell.high[axis]) / 2;
-    if (middle <= cell.low[axis] || middle >= cell.high[axis]) {  // the cell is as small as rounding
-      axis = longest_axis(box.extent());
-      middle = box.high[axis];
-      break;
-    }
-    Box empty = cell;
-    if (middle <= box.low[axis])
-      empty.high[axis] = cell.low[axis] = middle;
-    else if (middle > box.high[axis])
-      empty.low[axis] = cell.high[axis] = middle;
-    else
-      break;
-    add_leaf(empty, origin);
-  }
+  const Cut cut = choose_cut(box, cell, origin);
   const auto at = [&](std::uint32_t i) { return entries_.begin() + i; };
-  const auto cut = std::partition(at(begin), at(end), [&](const Entry& entry) { return entry[axis] < middle; });
-  const auto half = static_cast<std::uint32_t>(cut - entries_.begin());
+  const auto upper_entries =
+      std::partition(at(begin), at(end), [&](const Entry& entry) { return entry[cut.axis] < cut.at; });
+  const auto half = static_cast<std::uint32_t>(upper_entries - entries_.begin());
   Box lower = cell, upper = cell;
-  lower.high[axis] = upper.low[axis] = middle;
+  lower.high[cut.axis] = upper.low[cut.axis] = cut.at;
   split(begin, half, lower, origin);
   nodes_[number].upper = static_cast<std::uint32_t>(nodes_.size());
   split(half, end, upper, origin);
+}
+
+// Returns a plane with entries on both sides, after parts of the cell without entries are cut off.
+PointLeaves::Cut PointLeaves::choose_cut(const Box& entries, Box& cell, const Origin& origin) {
+  for (;;) {
+    cut_to_entries(entries, cell, origin);
+    const int axis = longest_axis(cell.extent());
+    const double middle = (cell.low[axis] + cell.high[axis]) / 2;
+    if (middle <= cell.low[axis] || middle >= cell.high[axis]) {  // the cell is as small as rounding
+      const int longest = longest_axis(entries.extent());
+      return {longest, entries.high[longest]};
+    }
+    Box empty = cell;
+    if (middle <= entries.low[axis])
+      empty.high[axis] = cell.low[axis] = middle;
+    else if (middle > entries.high[axis])
+      empty.low[axis] = cell.high[axis] = middle;
+    else
+      return {axis, middle};
+    add_leaf(empty, origin);
+  }
 }
 
 // Leaves a cell that is not much larger than the box of its entries. Up to six leaves are cut off.

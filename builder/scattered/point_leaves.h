@@ -64,6 +64,12 @@ class PointLeaves {
     std::uint32_t block;
   };
   void split(std::uint32_t begin, std::uint32_t end, Box cell, Origin origin);
+  // A plane across an axis.
+  struct Cut {
+    int axis;
+    double at;
+  };
+  Cut choose_cut(const Box& entries, Box& cell, const Origin& origin);
   void cut_to_entries(const Box& entries, Box& cell, const Origin& origin);
   void add_leaf(const Box& cell, const Origin& origin, bool has_points = false);
   std::uint32_t keep_distinct(std::uint32_t begin, std::uint32_t end, const Box& box);

@@ -16,6 +16,7 @@
 #include "splatvol/error.h"
 #include "splatvol/export.h"
 #include "splatvol/geometry.h"
+#include "splatvol/integrals.h"
 #include "splatvol/meshes.h"
 
 namespace splatvol {
@@ -152,6 +153,15 @@ class SPLATVOL_EXPORT File {
   /// Fails if the file keeps no cells, if they have values of their own, or if the attribute has the value nowhere.
   [[nodiscard]] Result<ContourMesh> contour(double value, const std::string& attribute,
                                             const MeshRequest& request = {}) const;
+
+  /// Returns volume, integral, mean, and the least and the greatest value of attributes, over the cells that the file
+  /// keeps. They are cut exactly by the box, the planes, and where the linear values of a tetrahedron leave a range.
+  /// All volumes count as positive. Tetrahedra with a missing value at a corner are left out, and their volume is told.
+  /// Where cells have values of their own, these hold in all of the cell; the position of an extreme is one in the
+  /// cell. A vector has integrals of its components and its magnitude. Reads chunk by chunk what the region meets, and
+  /// holds at most 128 MiB. Sums do not depend on the number of threads. Fails if the file keeps no cells or lacks an
+  /// attribute, and if the region is none.
+  [[nodiscard]] Result<Integrals> integrate(const IntegralRequest& request = {}) const;
 
   /// Checks every byte of the file; of an index, of the files of all steps, and its units and ranges. Calls `progress`
   /// with the share done, in [0, 1].

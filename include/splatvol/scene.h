@@ -41,21 +41,6 @@ struct Lighting {
   [[nodiscard]] bool operator==(const Lighting&) const = default;
 };
 
-/// A surface of triangles: from a file, or a part of the boundary that the .svol file holds.
-struct SceneSurface {
-  std::string file = {};  // .stl, .obj, .ply, .gltf, .glb, .vtp or .vtk; positions in the data's world units
-  dvec3 color{0.8};       // linear
-  double opacity = 1;     // [0, 1]; 1 hides what lies behind
-  bool shown = true;      // else the triangles are not read
-  bool edges = false;     // the triangles' edges are drawn
-
-  /// Instead of `file`: a patch of the boundary, by its name. `*` stands for any characters, so that one surface may
-  /// be several patches.
-  std::string boundary = {};
-
-  [[nodiscard]] bool operator==(const SceneSurface&) const = default;
-};
-
 /// How a scalar bar is labelled.
 struct ScalarBar {
   int ticks = 5;     // at most about so many, 2 to 20
@@ -98,6 +83,25 @@ struct SceneColoring {
   TransferFunction function;  // its densities are not used
 
   [[nodiscard]] bool operator==(const SceneColoring&) const = default;
+};
+
+/// A surface of triangles: from a file, or a part of the boundary that the .svol file holds.
+struct SceneSurface {
+  std::string file = {};  // .stl, .obj, .ply, .gltf, .glb, .vtp or .vtk; positions in the data's world units
+  dvec3 color{0.8};       // linear
+  double opacity = 1;     // [0, 1]; 1 hides what lies behind
+  bool shown = true;      // else the triangles are not read
+  bool edges = false;     // the triangles' edges are drawn
+
+  /// Instead of `file`: a patch of the boundary, by its name. `*` stands for any characters, so that one surface may
+  /// be several patches.
+  std::string boundary = {};
+
+  /// Instead of `color`: the values of the file's cells at the triangles' corners, linear in between. `color` is shown
+  /// where no cell has one. The file must keep cells.
+  std::optional<SceneColoring> color_by = {};
+
+  [[nodiscard]] bool operator==(const SceneSurface&) const = default;
 };
 
 /// Surfaces on which the scene's attribute has one value, in the mesh's own cells. They are lit.

@@ -149,8 +149,8 @@ HWY_INLINE void blend(Float alpha, Float light, const Material& material, float*
   float* transmittances = pixels + TilePixels::transmittance;
   const Float transmittance = load_pixels<paired>(transmittances);
   const Float seen = transmittance * alpha, lit = seen * light;
-  const auto add = [lit](Float colour, float* to)
-                       HWY_ATTR { store_pixels<paired>(fma(lit, colour, load_pixels<paired>(to)), to); };
+  const auto add = [lit](Float color, float* to)
+                       HWY_ATTR { store_pixels<paired>(fma(lit, color, load_pixels<paired>(to)), to); };
   add(material.r, pixels);
   add(material.g, pixels + TilePixels::plane);
   add(material.b, pixels + 2 * TilePixels::plane);

@@ -82,6 +82,17 @@ double choose_origin(const std::vector<UPiece>& pieces) {
 }  // namespace
 
 FunctionPieces::FunctionPieces(const TransferFunction& function) {
+  add_pieces(function);
+  add_bins();
+  const std::size_t padded = std::max(in_registers, count + 1);
+  starts.resize(padded, outside);
+  for (auto* all : {&values, &slopes})
+    for (std::vector<float>& channel : *all) channel.resize(padded);
+  peaks.resize(padded);
+  for (std::vector<float>& channel : peak_colors) channel.resize(padded);
+}
+
+void FunctionPieces::add_pieces(const TransferFunction& function) {
   const auto outer = [&](double t) { return dvec4(function.color_at(t), function.extinction_at(t)); };
   dvec4 peak(0);  // colour times extinction, extinction: integrals
   const std::vector<UPiece> pieces = pieces_by_value(function);
@@ -116,9 +127,10 @@ FunctionPieces::FunctionPieces(const TransferFunction& function) {
     }
   }
   add(1, outer(2), dvec4(0));
+}
 
-  // A bin shows something if a piece in it has extinction, or a peak is in it. Rounding may take values to the next
-  // bin.
+// A bin shows something if a piece in it has extinction, or a peak is in it. Rounding may take values to the next bin.
+void FunctionPieces::add_bins() {
   constexpr double margin = 1e-6;
   bin_of_origin = static_cast<float>(origin * bins + 1);
   const auto shows = [&](std::size_t i) { return values[3][i] > 0 || slopes[3][i] > 0; };
@@ -137,13 +149,6 @@ FunctionPieces::FunctionPieces(const TransferFunction& function) {
     visible += shown ? 1 : 0;
   }
   visible_before.push_back(visible);
-
-  const std::size_t padded = std::max(in_registers, count + 1);
-  starts.resize(padded, outside);
-  for (auto* all : {&values, &slopes})
-    for (std::vector<float>& channel : *all) channel.resize(padded);
-  peaks.resize(padded);
-  for (std::vector<float>& channel : peak_colors) channel.resize(padded);
 }
 
 }  // namespace splatvol::tiles

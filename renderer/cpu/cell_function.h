@@ -39,6 +39,10 @@ struct FunctionPieces {
   explicit FunctionPieces(const TransferFunction& function);
 
   [[nodiscard]] bool fit_registers() const { return count < in_registers; }
+
+ private:
+  void add_pieces(const TransferFunction& function);
+  void add_bins();
 };
 
 }  // namespace splatvol::tiles

@@ -52,6 +52,37 @@ HWY_INLINE void set_plane(const Corner& p, const Corner& q, const Corner& r, flo
   plane.is_steep = hn::Not(abs(area) > max(length * slack, size * 2e-5F));
 }
 
+/// Values of tetrahedra, one in each lane.
+struct ValueRanges {
+  Float low, high;
+};
+
+/// Returns those from number `first` on. A lane behind the last tetrahedron has values of another one.
+HWY_INLINE ValueRanges value_ranges(const Tetrahedra& cells, const float* u, std::size_t first) {
+  const std::size_t count = cells.size();
+  const auto lanes = static_cast<std::size_t>(lane_count());
+  if (cells.constant) {
+    alignas(64) std::array<float, most_lanes> own;
+    for (std::size_t i = 0; i < lanes; ++i) own[i] = u[std::min(first + i, count - 1)];
+    const Float value = load(own.data());
+    return {value, value};
+  }
+  alignas(64) std::array<std::array<std::uint32_t, 4>, most_lanes> last;
+  const std::array<std::uint32_t, 4>* corners = cells.corners.data() + first;
+  if (first + lanes > count) {
+    last.fill(cells.corners[first]);
+    std::copy(corners, cells.corners.data() + count, last.begin());
+    corners = last.data();
+  }
+  hn::Vec<IntTag> a, b, c, d;
+  hn::LoadInterleaved4(IntTag(), reinterpret_cast<const std::int32_t*>(corners), a, b, c, d);
+  const Float ua = gather(u, a), ub = gather(u, b), uc = gather(u, c), ud = gather(u, d);
+  // A minimum may lose a NaN, a sum does not.
+  const Float sum = (ua + ub) + (uc + ud);
+  return {select(is_number(sum), min(min(ua, ub), min(uc, ud)), std::numeric_limits<float>::quiet_NaN()),
+          max(max(ua, ub), max(uc, ud))};
+}
+
 /// Lists the tetrahedra with a visible value.
 void list_seen(const CellFrame& frame, const Tetrahedra& cells, CellSetup& setup) {
   const FunctionPieces& function = *frame.function;
@@ -65,28 +96,7 @@ void list_seen(const CellFrame& frame, const Tetrahedra& cells, CellSetup& setup
   };
   std::size_t seen = 0;
   for (std::size_t first = 0; first < count; first += lanes) {
-    alignas(64) std::array<std::array<std::uint32_t, 4>, most_lanes> last;
-    const std::array<std::uint32_t, 4>* corners = cells.corners.data() + first;
-    if (first + lanes > count) {
-      last.fill(cells.corners[first]);
-      std::copy(corners, cells.corners.data() + count, last.begin());
-      corners = last.data();
-    }
-    Float low, high;
-    if (cells.constant) {
-      alignas(64) std::array<float, most_lanes> own;
-      for (std::size_t i = 0; i < lanes; ++i) own[i] = setup.points.u[std::min(first + i, count - 1)];
-      low = high = load(own.data());
-    } else {
-      hn::Vec<IntTag> a, b, c, d;
-      hn::LoadInterleaved4(tag, reinterpret_cast<const std::int32_t*>(corners), a, b, c, d);
-      const float* u = setup.points.u.data();
-      const Float ua = gather(u, a), ub = gather(u, b), uc = gather(u, c), ud = gather(u, d);
-      low = min(min(ua, ub), min(uc, ud)), high = max(max(ua, ub), max(uc, ud));
-      // A minimum may lose a NaN, a sum does not.
-      const Float sum = (ua + ub) + (uc + ud);
-      low = select(is_number(sum), low, std::numeric_limits<float>::quiet_NaN());
-    }
+    const auto [low, high] = value_ranges(cells, setup.points.u.data(), first);
     const auto visible_before = [&](Int bin) HWY_ATTR {
       return Int(hn::GatherIndex(tag, function.visible_before.data(), bin.v));
     };

@@ -347,6 +347,23 @@ HWY_INLINE SideOfContour side_on_faces(const ContourInCell& contour, const RaysI
   return side;
 }
 
+/// Returns a part of segments, between two shares of each.
+template <bool orthographic>
+HWY_INLINE WholeSegments part_of(const WholeSegments& whole, Float from, Float to) {
+  WholeSegments part = whole;
+  part.hit = both(whole.hit, from < to);
+  part.near_z = z_of_share<orthographic>(whole, from), part.far_z = z_of_share<orthographic>(whole, to);
+  part.near_d = d_of_share(whole, from, part.near_z), part.far_d = d_of_share(whole, to, part.far_z);
+  Segments& segments = part.segments;
+  segments.length = whole.segments.length * (to - from);
+  segments.u_enter = mix(whole.segments.u_enter, whole.segments.u_leave, from);
+  segments.u_leave = mix(whole.segments.u_enter, whole.segments.u_leave, to);
+  segments.o_enter = mix(whole.segments.o_enter, whole.segments.o_leave, from);
+  segments.o_leave = mix(whole.segments.o_enter, whole.segments.o_leave, to);
+  segments.key = select(from > Float(0.0F), max(segments.key, -(part.near_d + whole.key_offset)), segments.key);
+  return part;
+}
+
 /// Adds contours, and the segments between them.
 template <bool orthographic, bool has_shades>
 HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const WholeSegments& whole,
@@ -354,18 +371,8 @@ HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const W
   const std::int32_t contours = t.frame.events->contours();
   const Mask rises = whole.segments.u_leave >= whole.segments.u_enter;
   const auto add_part = [&](Float from, Float to) HWY_ATTR {
-    WholeSegments part = whole;
-    part.hit = both(whole.hit, from < to);
-    if (!c.cell.shows_matter || !any(part.hit)) return;
-    part.near_z = z_of_share<orthographic>(whole, from), part.far_z = z_of_share<orthographic>(whole, to);
-    part.near_d = d_of_share(whole, from, part.near_z), part.far_d = d_of_share(whole, to, part.far_z);
-    Segments& segments = part.segments;
-    segments.length = whole.segments.length * (to - from);
-    segments.u_enter = mix(whole.segments.u_enter, whole.segments.u_leave, from);
-    segments.u_leave = mix(whole.segments.u_enter, whole.segments.u_leave, to);
-    segments.o_enter = mix(whole.segments.o_enter, whole.segments.o_leave, from);
-    segments.o_leave = mix(whole.segments.o_enter, whole.segments.o_leave, to);
-    segments.key = select(from > Float(0.0F), max(segments.key, -(part.near_d + whole.key_offset)), segments.key);
+    if (!c.cell.shows_matter || !any(both(whole.hit, from < to))) return;
+    const WholeSegments part = part_of<orthographic>(whole, from, to);
     add_between_slices<orthographic, has_shades>(t, part, c.events.slices, tile);
   };
   // A ray that rises meets lower values first, and one that falls higher ones.
@@ -466,6 +473,17 @@ HWY_INLINE void add_found(const CellTile& t, const CellToAdd& c, const WholeSegm
     add_whole<orthographic, has_shades>(t, whole, tile);
 }
 
+/// Returns how much the plane from which depths in a chunk count is above the depth of the chunk's middle.
+HWY_INLINE Float rise_at(const CellTile& t, Float x, Float y) {
+  return t.is_flat ? fma(x - t.at_x, t.wx, (y - t.at_y) * t.wy) : Float(0.0F);
+}
+
+/// Returns the light on a cell: 1 without lighting.
+template <bool orthographic, bool has_shades>
+HWY_INLINE Float light_on(const CellTile& t, const CellToAdd& c, Float x, Float y) {
+  return has_shades && t.frame.lighting ? light_at<orthographic>(t, *t.frame.lighting, *c.shading, x, y) : Float(1.0F);
+}
+
 /// Adds the segments of a precise cell.
 template <bool orthographic, bool has_shades, bool has_events>
 HWY_NOINLINE void add_precise_cell(const CellTile& t, const CellToAdd& c, const PreciseCell& precise,
@@ -482,16 +500,13 @@ HWY_NOINLINE void add_precise_cell(const CellTile& t, const CellToAdd& c, const 
     const auto valid = hn::FirstN(FloatTag(), static_cast<std::size_t>(std::min(count - first, lane_count())));
     const Mask hit = both(rays_of_cell.find<orthographic>(x, y, ways), valid);
     if (!any(hit)) continue;
-    Float rise(0.0F);
-    if (t.is_flat) rise = fma(x - t.at_x, t.wx, (y - t.at_y) * t.wy);
+    const Float rise = rise_at(t, x, y);
     const Float key_offset = rise + t.screen.key_offset;
     const Float near_d = min(lanes(ways.enter.d), Float(t.nearest_d) - rise), far_d = min(lanes(ways.leave.d), near_d);
-    const Float lighting =
-        has_shades && t.frame.lighting ? light_at<orthographic>(t, *t.frame.lighting, *c.shading, x, y) : Float(1.0F);
     const WholeSegments whole{
         {max(-(near_d + key_offset), t.first_key), lanes(ways.length),
          clamp(lanes(ways.enter.u), c.cell.low, c.cell.high), clamp(lanes(ways.leave.u), c.cell.low, c.cell.high),
-         lighting, lanes(ways.enter.o), lanes(ways.leave.o)},
+         light_on<orthographic, has_shades>(t, c, x, y), lanes(ways.enter.o), lanes(ways.leave.o)},
         near_d,
         far_d,
         lanes(ways.enter.z),
@@ -506,49 +521,50 @@ HWY_NOINLINE void add_precise_cell(const CellTile& t, const CellToAdd& c, const 
   }
 }
 
+/// Where rays enter and leave a cell.
+template <class CrossingOfCell>
+struct WaysThrough {
+  CrossingOfCell enter, leave;
+};
+
+/// Returns the ways of rays through a cell that is not precise; without a length where `enter` is not before `leave`.
+template <class CrossingOfCell>
+HWY_INLINE WaysThrough<CrossingOfCell> cross(const CellOnScreen& cell, Float x, Float y) {
+  const auto& references = cell.corners;
+  const std::array<Float, 2> dx = {x - references[0].x, x - references[1].x},
+                             dy = {y - references[0].y, y - references[1].y};
+  const auto cross_face = [&](int k) HWY_ATTR {
+    const CellOnScreen::Face& face = cell.faces[static_cast<std::size_t>(k)];
+    const int r = cell.second >> k & 1;
+    // Both cells of a face round the same numbers in the same way up to here.
+    CrossingOfCell crossing;
+    crossing.d = fma(face.a, dx[r], dy[r] * face.b) + face.d;
+    crossing.n = fma(face.e, dx[r], dy[r] * face.f);
+    crossing.u = references[r].u;
+    if constexpr (std::is_same_v<CrossingOfCell, CrossingOfFace>) crossing.face = Int(k);
+    return crossing;
+  };
+  const auto enter_at = [&](const CrossingOfCell& face, const CrossingOfCell& other)
+                            HWY_ATTR { return select(face.d < other.d, face, other); };
+  const auto leave_at = [&](const CrossingOfCell& face, const CrossingOfCell& other)
+                            HWY_ATTR { return select(face.d > other.d, face, other); };
+  if (cell.fronts == 2) return {enter_at(cross_face(1), cross_face(0)), leave_at(cross_face(3), cross_face(2))};
+  if (cell.fronts == 1) return {cross_face(0), leave_at(cross_face(3), leave_at(cross_face(2), cross_face(1)))};
+  return {enter_at(cross_face(2), enter_at(cross_face(1), cross_face(0))), cross_face(3)};
+}
+
 /// Adds the segments of a cell that is not precise.
 template <bool orthographic, bool has_shades, bool has_events>
 HWY_INLINE void add_cell(const CellTile& t, const CellToAdd& c, TileSegments& tile) {
-  using CrossingOfCell = std::conditional_t<has_events, CrossingOfFace, Crossing>;
   const CellOnScreen& cell = c.cell;
-  const CellsOnScreen& screen = t.screen;
   const TileCorner& corner = t.corner;
-  const auto& references = cell.corners;
   const int count = list_wanted(cell, corner, t.frame.slack, tile.covered.data());
   for (int first = 0; first < count; first += lane_count()) {
     const Int pixel = load(tile.covered.data() + first);
     const Float x = to_float(pixel & Int(cell_tile_side - 1)) + corner.x,
                 y = to_float(shift_right<4>(pixel)) + corner.y;
-    const std::array<Float, 2> dx = {x - references[0].x, x - references[1].x},
-                               dy = {y - references[0].y, y - references[1].y};
-    const auto cross = [&](int k) HWY_ATTR {
-      const CellOnScreen::Face& face = cell.faces[static_cast<std::size_t>(k)];
-      const int r = cell.second >> k & 1;
-      // Both cells of a face round the same numbers in the same way up to here.
-      CrossingOfCell crossing;
-      crossing.d = fma(face.a, dx[r], dy[r] * face.b) + face.d;
-      crossing.n = fma(face.e, dx[r], dy[r] * face.f);
-      crossing.u = references[r].u;
-      if constexpr (has_events) crossing.face = Int(k);
-      return crossing;
-    };
-    const auto enter_at = [&](const CrossingOfCell& face, const CrossingOfCell& other)
-                              HWY_ATTR { return select(face.d < other.d, face, other); };
-    const auto leave_at = [&](const CrossingOfCell& face, const CrossingOfCell& other)
-                              HWY_ATTR { return select(face.d > other.d, face, other); };
-    CrossingOfCell enter, leave;
-    if (cell.fronts == 2) {
-      enter = enter_at(cross(1), cross(0));
-      leave = leave_at(cross(3), cross(2));
-    } else if (cell.fronts == 1) {
-      enter = cross(0);
-      leave = leave_at(cross(3), leave_at(cross(2), cross(1)));
-    } else {
-      enter = enter_at(cross(2), enter_at(cross(1), cross(0)));
-      leave = cross(3);
-    }
-    Float rise(0.0F);
-    if (t.is_flat) rise = fma(x - t.at_x, t.wx, (y - t.at_y) * t.wy);
+    auto [enter, leave] = cross<std::conditional_t<has_events, CrossingOfFace, Crossing>>(cell, x, y);
+    const Float rise = rise_at(t, x, y);
     enter.d = min(enter.d, Float(t.nearest_d) - rise);
     const auto valid = hn::FirstN(FloatTag(), static_cast<std::size_t>(std::min(count - first, lane_count())));
     const Mask hit = both(enter.d > leave.d, valid);
@@ -565,18 +581,17 @@ HWY_INLINE void add_cell(const CellTile& t, const CellToAdd& c, TileSegments& ti
       o_enter = field_at(c.shading->opacity, dx_shade, dy_shade, enter.d - c.shading->d, near_z);
       o_leave = field_at(c.shading->opacity, dx_shade, dy_shade, leave.d - c.shading->d, far_z);
     }
-    const Float key_offset = rise + screen.key_offset, key = max(-(enter.d + key_offset), t.first_key);
-    const Float lighting =
-        has_shades && t.frame.lighting ? light_at<orthographic>(t, *t.frame.lighting, *c.shading, x, y) : Float(1.0F);
-    const WholeSegments whole{{key, length, u_enter, u_leave, lighting, o_enter, o_leave},
-                              enter.d,
-                              leave.d,
-                              near_z,
-                              far_z,
-                              w,
-                              key_offset,
-                              pixel,
-                              hit};
+    const Float key_offset = rise + t.screen.key_offset, key = max(-(enter.d + key_offset), t.first_key);
+    const WholeSegments whole{
+        {key, length, u_enter, u_leave, light_on<orthographic, has_shades>(t, c, x, y), o_enter, o_leave},
+        enter.d,
+        leave.d,
+        near_z,
+        far_z,
+        w,
+        key_offset,
+        pixel,
+        hit};
     RaysInCell rays{x, y, {}, {}};
     if constexpr (has_events) rays.enter = enter.face, rays.leave = leave.face;
     add_found<orthographic, has_shades, has_events>(t, c, whole, rays, tile);
@@ -709,6 +724,25 @@ struct Factors {
   Float first, last;  // of the opacity, at its ends; linear between them
 };
 
+/// A step along a segment, in which extinction and factor are linear.
+template <bool factored>
+struct Step {
+  Float length, reach;        // in world units, and in u
+  Float k, rise;              // the extinction, and its change
+  Float factor, factor_rise;  // the same of the factor
+
+  /// The optical depth up to a share p of the step.
+  [[nodiscard]] HWY_INLINE Float depth_at(float p) const {
+    if constexpr (!factored) return fma(rise, 0.5F * p, k) * (length * p);
+    const Float mixed = fma(k, factor_rise, rise * factor);
+    return max(fma(rise * factor_rise, p * p / 3, fma(mixed, 0.5F * p, k * factor)), 0.0F) * (length * p);
+  }
+  [[nodiscard]] HWY_INLINE Float extinction_at(float p) const {
+    const Float plain = fma(rise, p, k);
+    return factored ? plain * fma(factor_rise, p, factor) : plain;
+  }
+};
+
 /// Returns the piece of a function that a ray is in from `u` on. Upwards a knot belongs to what follows it, downwards
 /// to what precedes it.
 HWY_INLINE Int piece_in(const FunctionPieces& function, Float u, Mask up) {
@@ -783,58 +817,22 @@ class Integrator {
       }
       const Mask is_dense = both(fma(change_of_step, 0.5F, first) * whole > Float(1.0F), todo);
       Float part(1.0F);
-      if (any(is_dense)) {  // first whole p + change whole p^2 / 2 = 1
-        // Denser matter is opaque at once, too, and its squares would overflow.
-        const Float most = Float(1e18F) / max(whole, 1e-18F), least = Float(0.0F) - most;
-        const Mask exceeds = max(k, k + rise) > most;
-        rise = select(exceeds, min(k + rise, most) - min(k, most), rise);
-        k = min(k, most);
-        const Float a = min(first, most) * whole, b = max(min(change_of_step, most), least) * whole;
-        const Float root = Float(2.0F) / (a + sqrt(max(fma(b, 2.0F, a * a), 0.0F)));
-        part = select(is_dense, min(root, 1.0F), part);
+      if (any(is_dense)) {
+        part = select(is_dense, part_of_dense(whole, first, change_of_step, k, rise), part);
         last = hn::AndNot(is_dense, last);
       }
-      const Float step = whole * part, reach = (to - u) * part, rise_here = rise * part;
-      const Float factor_here = factored ? fall * step : Float(0.0F);
-      // The optical depth up to a share p of the step, whose factor rises from `factor` by factor_here.
-      const auto depth_at = [&](float p) HWY_ATTR {
-        if constexpr (!factored) return fma(rise_here, 0.5F * p, k) * (step * p);
-        const Float mixed = fma(k, factor_here, rise_here * factor);
-        return max(fma(rise_here * factor_here, p * p / 3, fma(mixed, 0.5F * p, k * factor)), 0.0F) * (step * p);
-      };
-      const auto extinction_at = [&](float p) HWY_ATTR {
-        const Float plain = fma(rise_here, p, k);
-        return factored ? plain * fma(factor_here, p, factor) : plain;
-      };
-      const Float depth = depth_at(1.0F);
-      const Mask is_thin = depth <= Float(0.02F);
-      std::array<Float, 3> sum = {Float(0.0F), Float(0.0F), Float(0.0F)};
-      const std::array<Float, 3> color = {values_[0].at(piece), values_[1].at(piece), values_[2].at(piece)};
-      const std::array<Float, 3> color_slope = {slopes_[0].at(piece), slopes_[1].at(piece), slopes_[2].at(piece)};
-      const auto add_point = [&](float at, float weight, bool thin, std::array<Float, 3>& to_sum) HWY_ATTR {
-        const Float before = depth_at(at);
-        const Float through = thin ? fma(before, fma(before, 0.5F, -1.0F), 1.0F) : Float(1.0F) - opacity(before);
-        const Float share = extinction_at(at) * through * weight, place = fma(reach, at, x);
-        for (std::size_t c = 0; c < 3; ++c) to_sum[c] = fma(share, fma(color_slope[c], place, color[c]), to_sum[c]);
-      };
-      if (any(both(is_thin, todo))) {
-        add_point(0.2113248654F, 0.5F, true, sum);
-        add_point(0.7886751346F, 0.5F, true, sum);
-      }
-      if (any(hn::AndNot(is_thin, todo))) {
-        std::array<Float, 3> fine = {Float(0.0F), Float(0.0F), Float(0.0F)};
-        add_point(0.1127016654F, 0.2777777778F, false, fine);
-        add_point(0.5F, 0.4444444444F, false, fine);
-        add_point(0.8872983346F, 0.2777777778F, false, fine);
-        for (std::size_t c = 0; c < 3; ++c) sum[c] = select(is_thin, sum[c], fine[c]);
-      }
-      const Float front = light.transmittance * step * factors.lighting;
+      const Float step_length = whole * part;
+      const Step<factored> step = {step_length, (to - u) * part, k,
+                                   rise * part, factor,          factored ? fall * step_length : Float(0.0F)};
+      const Float depth = step.depth_at(1.0F);
+      const std::array<Float, 3> sum = emission(todo, piece, x, step, depth);
+      const Float front = light.transmittance * step.length * factors.lighting;
       for (std::size_t c = 0; c < 3; ++c)
         light.color[c] = select(todo, fma(front, sum[c], light.color[c]), light.color[c]);
       light.transmittance =
           select(todo, fnma(light.transmittance, opacity(depth), light.transmittance), light.transmittance);
-      left = left - step;
-      u = select(is_dense, u + reach, to);
+      left = left - step.length;
+      u = select(is_dense, u + step.reach, to);
       const Mask crossed = hn::AndNot(either(last, is_dense), todo);
       if (any(crossed)) {
         if (function_.has_peaks) {
@@ -886,6 +884,48 @@ class Integrator {
     }
     return piece;
   }
+
+  // Returns the share of a stretch up to an optical depth of one: first whole p + change whole p^2 / 2 = 1. Denser
+  // matter is opaque at once, too, and its squares would overflow: it counts as less dense.
+  static HWY_INLINE Float part_of_dense(Float whole, Float first, Float change, Float& k, Float& rise) {
+    const Float most = Float(1e18F) / max(whole, 1e-18F), least = Float(0.0F) - most;
+    const Mask exceeds = max(k, k + rise) > most;
+    rise = select(exceeds, min(k + rise, most) - min(k, most), rise);
+    k = min(k, most);
+    const Float a = min(first, most) * whole, b = max(min(change, most), least) * whole;
+    const Float root = Float(2.0F) / (a + sqrt(max(fma(b, 2.0F, a * a), 0.0F)));
+    return min(root, 1.0F);
+  }
+
+  // Returns the colour that a step sends to its begin, from `x` behind the piece's start: by two points of Gauss, or
+  // three where it is dense.
+  template <bool factored>
+  [[nodiscard]] HWY_INLINE std::array<Float, 3> emission(Mask todo, Int piece, Float x, const Step<factored>& step,
+                                                         Float depth) const {
+    const Mask is_thin = depth <= Float(0.02F);
+    const std::array<Float, 3> color = {values_[0].at(piece), values_[1].at(piece), values_[2].at(piece)};
+    const std::array<Float, 3> color_slope = {slopes_[0].at(piece), slopes_[1].at(piece), slopes_[2].at(piece)};
+    const auto add_point = [&](float at, float weight, bool thin, std::array<Float, 3>& to_sum) HWY_ATTR {
+      const Float before = step.depth_at(at);
+      const Float through = thin ? fma(before, fma(before, 0.5F, -1.0F), 1.0F) : Float(1.0F) - opacity(before);
+      const Float share = step.extinction_at(at) * through * weight, place = fma(step.reach, at, x);
+      for (std::size_t c = 0; c < 3; ++c) to_sum[c] = fma(share, fma(color_slope[c], place, color[c]), to_sum[c]);
+    };
+    std::array<Float, 3> sum = {Float(0.0F), Float(0.0F), Float(0.0F)};
+    if (any(both(is_thin, todo))) {
+      add_point(0.2113248654F, 0.5F, true, sum);
+      add_point(0.7886751346F, 0.5F, true, sum);
+    }
+    if (any(hn::AndNot(is_thin, todo))) {
+      std::array<Float, 3> fine = {Float(0.0F), Float(0.0F), Float(0.0F)};
+      add_point(0.1127016654F, 0.2777777778F, false, fine);
+      add_point(0.5F, 0.4444444444F, false, fine);
+      add_point(0.8872983346F, 0.2777777778F, false, fine);
+      for (std::size_t c = 0; c < 3; ++c) sum[c] = select(is_thin, sum[c], fine[c]);
+    }
+    return sum;
+  }
+
   HWY_INLINE void add_peak(Mask crossed, Int peak, Float per_u, Float lighting, Light& light) const {
     const Float depth = gather(function_.peaks.data(), peak) * per_u;
     const Float alpha = only(crossed, opacity(depth) * light.transmittance);

@@ -74,6 +74,14 @@ class TriangleOnRays {
     return (e[0] * corners_[0].z + e[1] * corners_[1].z + e[2] * corners_[2].z) / (e[0] + e[1] + e[2]);
   }
 
+  // Returns the shares of the corners at the place; they sum up to 1.
+  [[nodiscard]] std::array<double, 3> shares(double a) {
+    shear(a);
+    const std::array<double, 3> e{edge(0), edge(1), edge(2)};
+    const double sum = e[0] + e[1] + e[2];
+    return {e[0] / sum, e[1] / sum, e[2] / sum};
+  }
+
   // Returns the distance from the nearest edge, as a difference of a and b.
   [[nodiscard]] double distance_from_edges(double a) {
     shear(a);
@@ -159,6 +167,8 @@ class SurfaceDrawing {
   [[nodiscard]] SurfaceLayer layer_of(const std::vector<Hit>& hits, const std::vector<Hit>& opaque) const;
   void join(SurfaceLayer& layer, const std::vector<Hit>& hits, const std::vector<Hit>& opaque) const;
   [[nodiscard]] vec4 shade(const Hit& hit, int x, int y) const;
+  [[nodiscard]] static dvec3 color_of(const Surface& surface, std::size_t triangle,
+                                      const std::array<double, 3>& shares);
 
   // The ray through a pixel's centre.
   [[nodiscard]] double a_of(int x) const { return (x + 0.5 - 0.5 * view_.width) / view_.focal; }
@@ -306,13 +316,23 @@ vec4 SurfaceDrawing::shade(const Hit& hit, int x, int y) const {
   const dvec3 normal = glm::cross(corners[1] - corners[0], corners[2] - corners[0]);
   const double length = glm::length(normal);
   double brightness = Lighting{}.factor(ray, length > 0 ? normal / length : dvec3(0));
+  TriangleOnRays triangle(corners, view_.orthographic);
+  triangle.select_row(b);
   if (style.edges) {
-    TriangleOnRays triangle(corners, view_.orthographic);
-    triangle.select_row(b);
     const double line = std::clamp(1 - view_.focal * triangle.distance_from_edges(a), 0.0, 1.0);
     brightness *= 1 + line * (edge_brightness - 1);
   }
-  return {vec3(style.opacity * brightness * style.color), static_cast<float>(style.opacity)};
+  dvec3 color = style.color;
+  if (surface.surface->values)
+    color = color_of(*surface.surface, static_cast<std::size_t>(hit.triangle - surface.first), triangle.shares(a));
+  return {vec3(style.opacity * brightness * color), static_cast<float>(style.opacity)};
+}
+
+// The colour of the value at a place in a triangle. A corner without a value leaves the triangle without one.
+dvec3 SurfaceDrawing::color_of(const Surface& surface, std::size_t triangle, const std::array<double, 3>& shares) {
+  double value = 0;
+  for (std::size_t k = 0; k < 3; ++k) value += shares[k] * surface.values->values[surface.mesh->triangles[triangle][k]];
+  return std::isnan(value) ? surface.style.color : surface.style.color_by->function.color(value);
 }
 
 // Returns the layer of the translucent places, and of the opaque ones in all other pixels.

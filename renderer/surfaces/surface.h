@@ -1,6 +1,7 @@
 // Surfaces of a scene, with their triangles.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
@@ -12,11 +13,19 @@
 
 namespace splatvol {
 
+/// The values that colour a surface.
+struct SurfaceValues {
+  std::string attribute;
+  std::uint64_t step_key = 0;  // as Volume has it
+  std::vector<double> values;  // [point of the mesh]; NaN: none
+};
+
 /// A surface of a scene. `mesh` is null if the surface has not been shown yet.
 struct Surface {
   SceneSurface style;
   std::shared_ptr<const TriangleMesh> mesh;
   std::vector<std::string> left_out = {};  // patches of the boundary that the mesh lacks, as memory has no room
+  std::shared_ptr<const SurfaceValues> values = {};  // of style.color_by; null: it has the style's colour
 
   [[nodiscard]] bool is_visible() const { return style.shown && style.opacity > 0 && mesh; }
 };

@@ -213,6 +213,11 @@ Result<ShownFaces> KeptCells::shown_faces(const format::CellChunkEntry& entry, c
   return faces;
 }
 
+bool KeptCells::holds(const format::CellChunkEntry& entry) const {
+  const std::scoped_lock lock(held_mutex_);
+  return chunks_.contains(entry.offset);
+}
+
 Status KeptCells::hold_all() const {
   if (!holds_all_ || are_held_) return {};
   Tetrahedra scratch;
@@ -301,6 +306,14 @@ bool FileCells::may_meet_event(const Box& box, const format::ValueSummary& value
 std::uint64_t FileCells::tetrahedra() const {
   std::uint64_t tetrahedra = 0;
   for (const Chunk& chunk : chunks_) tetrahedra += chunk.tetrahedra;
+  return tetrahedra;
+}
+
+std::uint64_t FileCells::unread_tetrahedra() const {
+  if (kept_->are_held()) return 0;
+  std::uint64_t tetrahedra = 0;
+  for (const Chunk& chunk : chunks_)
+    if (!kept_->holds(entries_[chunk.number])) tetrahedra += chunk.tetrahedra;
   return tetrahedra;
 }
 

@@ -72,6 +72,9 @@ class KeptCells {
   [[nodiscard]] Status hold_all() const;
   [[nodiscard]] bool may_hold_all() const { return holds_all_; }
 
+  /// Whether a chunk is held.
+  [[nodiscard]] bool holds(const format::CellChunkEntry& entry) const;
+
   /// Whether all are held: nothing will be read.
   [[nodiscard]] bool are_held() const { return are_held_; }
 
@@ -106,11 +109,6 @@ class FileCells final : public CellSource {
   [[nodiscard]] static Result<std::unique_ptr<const FileCells>> open(std::shared_ptr<const KeptCells> kept,
                                                                      const Scene& scene, const View& view);
 
-  /// Whether open() would give the same again.
-  [[nodiscard]] bool are_of(const std::shared_ptr<const KeptCells>& kept, const Scene& scene, const View& view) const {
-    return kept_ == kept && shown_ == ShownInCells(scene) && view_ == view;
-  }
-
   [[nodiscard]] std::span<const Chunk> chunks() const override { return chunks_; }
   [[nodiscard]] Result<const Tetrahedra*> read(const Chunk& chunk, Tetrahedra& scratch) const override {
     return kept_->read(entries_[chunk.number], scratch);
@@ -122,6 +120,9 @@ class FileCells final : public CellSource {
 
   /// Tetrahedra of the chunks; about.
   [[nodiscard]] std::uint64_t tetrahedra() const;
+
+  /// Those of chunks that are not held.
+  [[nodiscard]] std::uint64_t unread_tetrahedra() const;
 
   /// Estimates the pieces of rays in a tetrahedron with a visible value: as if each chunk filled its box evenly. Reads
   /// some of the chunks.

@@ -5,10 +5,8 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <array>
 #include <filesystem>
 #include <fstream>
-#include <limits>
 #include <thread>
 
 #include "base/addresses.h"
@@ -65,21 +63,7 @@ TEST_F(HttpSource, ReadsRandomRangesFromSeveralThreads) {
 
 TEST_F(HttpSource, ReadsEveryRangeAroundTheEndsAndNoneThatLeavesTheFile) {
   const auto source = open_url(nginx_->url("data")).value();
-  const std::size_t size = text_.size();
-  for (const std::size_t near : {std::size_t{2}, head_bytes, size})
-    for (std::size_t offset = near - 2; offset <= near + 2; ++offset)
-      for (std::size_t count = 0; count <= 3; ++count) {
-        std::string out(count, '?');
-        const Status status = read_at(*source, offset, out);
-        EXPECT_EQ(status.has_value(), offset + count <= size) << offset << '+' << count;
-        if (status)
-          EXPECT_EQ(out, text_.substr(offset, count));
-        else
-          EXPECT_EQ(status.error().code, ErrorCode::invalid_data);
-      }
-  std::array<std::byte, 8> out{};
-  constexpr auto largest = std::numeric_limits<std::uint64_t>::max();
-  for (const std::uint64_t offset : {largest, largest - 7, largest - 8}) EXPECT_FALSE(source->read(offset, out));
+  expect_ranges_near({2, head_bytes, text_.size()}, *source, text_);
 }
 
 TEST_F(HttpSource, AsksForWhatIsReadAndNothingElse) {

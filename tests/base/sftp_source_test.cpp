@@ -9,7 +9,6 @@
 #include <algorithm>
 #include <array>
 #include <filesystem>
-#include <limits>
 #include <thread>
 
 #include "base/interruption.h"
@@ -105,21 +104,7 @@ TEST_F(SftpSource, ReadsRandomRangesFromSeveralThreads) {
 
 TEST_F(SftpSource, ReadsEveryRangeAroundTheEndsAndNoneThatLeavesTheFile) {
   const auto source = value_of(open_ssh(url(), options()));
-  const std::size_t size = text_.size();
-  for (const std::size_t near : {std::size_t{2}, head_bytes, 2 * head_bytes, size})
-    for (std::size_t offset = near - 2; offset <= near + 2; ++offset)
-      for (std::size_t count = 0; count <= 3; ++count) {
-        std::string out(count, '?');
-        const Status status = read_at(*source, offset, out);
-        EXPECT_EQ(status.has_value(), offset + count <= size) << offset << '+' << count;
-        if (status)
-          EXPECT_EQ(out, text_.substr(offset, count));
-        else
-          EXPECT_EQ(status.error().code, ErrorCode::invalid_data);
-      }
-  std::array<std::byte, 8> out{};
-  constexpr auto largest = std::numeric_limits<std::uint64_t>::max();
-  for (const std::uint64_t offset : {largest, largest - 7, largest - 8}) EXPECT_FALSE(source->read(offset, out));
+  expect_ranges_near({2, head_bytes, 2 * head_bytes, text_.size()}, *source, text_);
 }
 
 TEST_F(SftpSource, ReadsManyParts) {

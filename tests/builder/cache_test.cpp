@@ -230,10 +230,8 @@ TEST_F(CacheTest, ThatWaitEndsWithTheBuilderOrByItsOwnWish) {
 }
 
 TEST_F(CacheTest, LeftoversOfBuildersThatAreGoneGo) {
-  const std::string left = cache_folder() + "/.0123456789abcdef-01234567";
-  fs::create_directories(left);
-  std::ofstream(left + "/lock");
-  std::ofstream(left + "/.splatvol-1") << "a temporary file";
+  for (const char* file : {"lock", ".splatvol-1"})
+    write(std::string("cache/.0123456789abcdef-01234567/") + file, "left");
   BuildCache cache = open();
   EXPECT_THAT(folders(), IsEmpty());
   const Place place = value_of(cache.make_place(key_of("a")));

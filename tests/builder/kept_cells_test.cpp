@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <fstream>
 #include <map>
 #include <set>
 #include <string>
@@ -24,6 +23,7 @@
 #include "tests/builder/support/meshes.h"
 #include "tests/builder/support/series_check.h"
 #include "tests/support/opened_files.h"
+#include "tests/support/replaced.h"
 #include "tests/support/results.h"
 #include "tests/support/surgery.h"
 #include "tests/support/temp_folder.h"
@@ -40,8 +40,6 @@ using testing::HasSubstr;
 const auto silent = [](const char*, double) {};
 
 struct KeptCells : FolderTest {
-  void write(const std::string& name, const std::string& text) const { std::ofstream(path(name)) << text; }
-
   std::shared_ptr<const format::Volume> build(const std::string& input, const SourceOptions& source_options,
                                               bool exact = true) const {
     const auto source = value_of(open_source({path(input)}, source_options));
@@ -52,6 +50,25 @@ struct KeptCells : FolderTest {
 
   mutable BuildReport report_;
 };
+
+// Calls visit(chunk, cell, corners) for all cells.
+template <class Visit>
+void for_each_cell(const CellReader& cells, const Visit& visit) {
+  format::RankedPoints points(cells, own_room(1 << 20));
+  format::CellVertices vertices([&](std::size_t page) { return cells.read_vertex_page(page); }, own_room(1 << 20));
+  for (const format::CellChunk& chunk : chunks_of(cells))
+    for (std::size_t cell = 0; cell < chunk.size(); ++cell) {
+      std::vector<format::RankedPoints::Place> places;
+      std::vector<dvec3> corners;
+      if (chunk.field == CellField::constant) {
+        EXPECT_TRUE(vertices.read_positions(chunk.corners_at(cell), corners));
+      } else {
+        EXPECT_TRUE(points.find(chunk.corners_at(cell), places));
+        EXPECT_TRUE(points.read_positions(places, corners));
+      }
+      visit(chunk, cell, corners);
+    }
+}
 
 // A lattice of n^3 cubes of edge 1, with a value of each.
 std::string lattice_of_cells(int n) {
@@ -141,30 +158,38 @@ TEST_F(KeptCells, OfEachShapeFillWhatTheyFill) {
   }
   EXPECT_EQ(kinds, (std::multiset<CellShape>{CellShape::tetrahedron, CellShape::pyramid, CellShape::wedge,
                                              CellShape::hexahedron}));
-  format::RankedPoints points(*cells, own_room(1 << 20));
   const std::map<CellShape, double> volumes = {
       {CellShape::hexahedron, 1}, {CellShape::pyramid, 1.0 / 3}, {CellShape::wedge, 0.5}};
-  for (const format::CellChunk& chunk : chunks_of(*cells)) {
-    std::vector<format::RankedPoints::Place> places;
-    std::vector<dvec3> corners;
-    ASSERT_TRUE(points.find(chunk.corners, places));
-    ASSERT_TRUE(points.read_positions(places, corners));
+  for_each_cell(*cells, [&](const format::CellChunk& chunk, std::size_t cell, const std::vector<dvec3>& corners) {
     double sum = 0;
-    for (const auto& [a, b, c, d] : format::tetrahedra_of(chunk.shape, chunk.split_at(0)))
+    for (const auto& [a, b, c, d] : format::tetrahedra_of(chunk.shape, chunk.split_at(cell)))
       sum += std::abs(glm::dot(corners[b] - corners[a], glm::cross(corners[c] - corners[a], corners[d] - corners[a])));
     if (const auto expected = volumes.find(chunk.shape); expected != volumes.end()) {
       EXPECT_NEAR(sum / 6, expected->second, 1e-12);
     }
-  }
+  });
   // The cells are the same if the nodes of a cell are listed in another order.
   const std::uint64_t hash = volume->info().cells->hash;
-  std::string turned = shapes;
-  turned.replace(turned.find("8 0 1 2 3 4 5 6 7"), 17, "8 1 2 3 0 5 6 7 4");
+  const std::string turned = replaced(shapes, "8 0 1 2 3 4 5 6 7", "8 1 2 3 0 5 6 7 4");
   write("turned.vtk", turned);
   EXPECT_EQ(build("turned.vtk", {})->info().cells->hash, hash);
-  turned.replace(turned.find("4 0 1 15 16"), 11, "4 0 2 15 16");
-  write("other.vtk", turned);
+  write("other.vtk", replaced(turned, "4 0 1 15 16", "4 0 2 15 16"));
   EXPECT_NE(build("other.vtk", {})->info().cells->hash, hash);
+}
+
+using Faces = std::vector<std::vector<int>>;
+
+// Puts `copy` of a corner between the corner and `other` in the faces that have this edge.
+void double_corner(int corner, int other, int copy, Faces& faces) {
+  for (std::vector<int>& face : faces) {
+    const auto at = std::ranges::find(face, corner);
+    if (at == face.end()) continue;
+    const std::size_t k = static_cast<std::size_t>(at - face.begin()), count = face.size();
+    if (face[(k + 1) % count] == other)
+      face.insert(at + 1, copy);
+    else if (face[(k + count - 1) % count] == other)
+      face.insert(at, copy);
+  }
 }
 
 // A lattice of n^3 cubes as polyhedra, with a value of each and of each point. `turn`: lists faces otherwise. Each cube
@@ -184,22 +209,12 @@ std::string lattice_of_polyhedra(int n, bool turn = false, int doubled = 0) {
         const auto corner = [&](int k) {  // as VTK numbers them
           return node(x + (k % 4 == 1 || k % 4 == 2 ? 1 : 0), y + (k % 4 > 1 ? 1 : 0), z + k / 4);
         };
-        std::vector<std::vector<int>> faces = {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4},
-                                               {3, 7, 6, 2}, {0, 3, 2, 1}, {4, 5, 6, 7}};
+        Faces faces = {{0, 4, 7, 3}, {1, 2, 6, 5}, {0, 1, 5, 4}, {3, 7, 6, 2}, {0, 3, 2, 1}, {4, 5, 6, 7}};
         for (std::vector<int>& face : faces)
           for (int& k : face) k = corner(k);
-        if (cell < doubled) {  // corner 6 and its copy on the edge to corner 5
-          const int six = corner(6), five = corner(5), copy = nodes + cell;
-          positions.push_back(positions[static_cast<std::size_t>(six)]);
-          for (std::vector<int>& face : faces) {
-            const auto at = std::ranges::find(face, six);
-            if (at == face.end()) continue;
-            const std::size_t k = static_cast<std::size_t>(at - face.begin()), count = face.size();
-            if (face[(k + 1) % count] == five)
-              face.insert(at + 1, copy);
-            else if (face[(k + count - 1) % count] == five)
-              face.insert(at, copy);
-          }
+        if (cell < doubled) {
+          positions.push_back(positions[static_cast<std::size_t>(corner(6))]);
+          double_corner(corner(6), corner(5), nodes + cell, faces);
         }
         if (turn) {
           std::ranges::reverse(faces);
@@ -225,25 +240,6 @@ std::string lattice_of_polyhedra(int n, bool turn = false, int doubled = 0) {
       "CELLS {2} {3}\n{4}CELL_TYPES {2}\n{5}POINT_DATA {0}\nSCALARS p double 1\n"
       "LOOKUP_TABLE default\n{6}CELL_DATA {2}\nSCALARS c double 1\nLOOKUP_TABLE default\n{7}",
       positions.size(), points, n * n * n, numbers, cells, types, values, of_cells);
-}
-
-// Calls visit(chunk, cell, corners) for all cells.
-template <class Visit>
-void for_each_cell(const CellReader& cells, const Visit& visit) {
-  format::RankedPoints points(cells, own_room(1 << 20));
-  format::CellVertices vertices([&](std::size_t page) { return cells.read_vertex_page(page); }, own_room(1 << 20));
-  for (const format::CellChunk& chunk : chunks_of(cells))
-    for (std::size_t cell = 0; cell < chunk.size(); ++cell) {
-      std::vector<format::RankedPoints::Place> places;
-      std::vector<dvec3> corners;
-      if (chunk.field == CellField::constant) {
-        EXPECT_TRUE(vertices.read_positions(chunk.corners_at(cell), corners));
-      } else {
-        EXPECT_TRUE(points.find(chunk.corners_at(cell), places));
-        EXPECT_TRUE(points.read_positions(places, corners));
-      }
-      visit(chunk, cell, corners);
-    }
 }
 
 double volume_of(const CellReader& cells, std::vector<double>& volumes) {

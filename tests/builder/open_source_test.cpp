@@ -20,6 +20,7 @@
 #include "builder/sources/vtk/writer.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/builder/sources/vtk_text.h"
+#include "tests/support/replaced.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
@@ -264,9 +265,7 @@ TEST_F(SourceTest, PolyhedraOfEveryFileVersion) {
   EXPECT_THAT(error_of({write("b.vtu", mesh.file())}), HasSubstr("the faces of polyhedron 0 are missing"));
 
   const auto damaged = [&](const std::string& from, const std::string& to) {
-    std::string text = new_faces;
-    text.replace(text.find(from), from.size(), to);
-    mesh.extra_cell_arrays = text;
+    mesh.extra_cell_arrays = replaced(new_faces, from, to);
     return error_of({write("c.vtu", mesh.file())});
   };
   EXPECT_THAT(damaged("5 4 3 2 1 0", "5 4 3 2 1 7"), HasSubstr("polyhedron_to_faces"));
@@ -528,10 +527,7 @@ TEST_F(SourceTest, BadInputIsOneClearLine) {
 }
 
 TEST_F(SourceTest, MoreInOnePieceThanMemoryHoldsIsRefusedBeforeItIsRead) {
-  std::string text = hexahedron_mesh().file();
-  const std::string small = "NumberOfCells=\"1\"";
-  ASSERT_NE(text.find(small), std::string::npos);
-  text.replace(text.find(small), small.size(), "NumberOfCells=\"400000000000\"");
+  const std::string text = replaced(hexahedron_mesh().file(), "NumberOfCells=\"1\"", "NumberOfCells=\"400000000000\"");
   EXPECT_THAT(error_of({write("large.vtu", text)}),
               AllOf(StartsWith(folder_ + "large.vtu"), HasSubstr("4e+11 cells"), HasSubstr("several pieces")));
 }
@@ -577,10 +573,8 @@ TEST_F(SourceTest, DamagedCompressedFilesAreSurvived) {
       expect_survives(write("flipped.vtu", damaged));
     }
   }
-  std::string no_header_type = whole;
-  const std::string attribute = " header_type=\"UInt64\"";
-  no_header_type.erase(no_header_type.find(attribute), attribute.size());
-  EXPECT_THAT(error_of({write("a.vtu", no_header_type)}), HasSubstr("compressed array"));
+  EXPECT_THAT(error_of({write("a.vtu", replaced(whole, " header_type=\"UInt64\"", ""))}),
+              HasSubstr("compressed array"));
 }
 
 TEST_F(SourceTest, LegacyAndStructuredFiles) {

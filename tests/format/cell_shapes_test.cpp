@@ -171,13 +171,8 @@ TEST(Polyhedra, OfHostileBytesAreWholeOrRefused) {
     const Bytes payload = value_of(unpack(packed.bytes, packed.entry.unpacked_bytes, "cells"));
     std::size_t refused = 0, taken = 0;
     const auto take = [&](const Bytes& changed, std::uint32_t cells) {
-      CellChunkEntry entry = packed.entry;
-      const Bytes bytes = pack(changed);
-      entry.hash = hash_bytes(bytes);
-      entry.packed_bytes = static_cast<std::uint32_t>(bytes.size());
-      entry.unpacked_bytes = static_cast<std::uint32_t>(changed.size());
-      entry.cells = cells;
-      const auto back = unpack_cells(entry, bytes, many, many, "cells");
+      const PackedCells with = repacked(packed, changed, cells);
+      const auto back = unpack_cells(with.entry, with.bytes, many, many, "cells");
       if (!back) {
         ++refused;
         EXPECT_TRUE(back.error().message.ends_with("[R24]")) << back.error().message;

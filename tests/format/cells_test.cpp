@@ -106,13 +106,8 @@ TEST(PackedCells, OfOtherLengthsAreRefused) {
   const PackedCells packed = pack_cells(chunk_of(corners), 5);
   Bytes payload = value_of(unpack(packed.bytes, packed.entry.unpacked_bytes, "cells"));
   const auto message = [&](const Bytes& changed, std::uint32_t cells) {
-    CellChunkEntry entry = packed.entry;
-    const Bytes bytes = pack(changed);
-    entry.hash = hash_bytes(bytes);
-    entry.packed_bytes = static_cast<std::uint32_t>(bytes.size());
-    entry.unpacked_bytes = static_cast<std::uint32_t>(changed.size());
-    entry.cells = cells;
-    return test::message_of(unpack_cells(entry, bytes, 1000, 0, "cells"));
+    const PackedCells with = repacked(packed, changed, cells);
+    return test::message_of(unpack_cells(with.entry, with.bytes, 1000, 0, "cells"));
   };
   EXPECT_EQ(message(payload, 2), "");
   for (const std::uint32_t cells : {1u, 3u, 65536u}) EXPECT_THAT(message(payload, cells), HasSubstr("[R24]"));
@@ -373,12 +368,7 @@ TEST(CellsOfAFile, AttributesMayLackValues) {
 TEST(CellsOfAFile, AreNothingToReadersThatDoNotKnowThem) {
   const Bytes file =
       Dissected(test_volume_bytes(volume_with_cells())).assemble([](Part part, std::size_t, Bytes& bytes) {
-        if (part == Part::metadata) {
-          std::string json = text_of(bytes);
-          const std::size_t at = json.find("\"cells\"");
-          ASSERT_NE(at, std::string::npos);
-          bytes = bytes_of(json.replace(at, 7, "\"later_thing\""));
-        }
+        if (part == Part::metadata) replacing("\"cells\"", "\"later_thing\"")(bytes);
         for (std::size_t at = 0; part == Part::section_table && at < bytes.size(); at += sizeof(SectionEntry)) {
           auto section = read_record<SectionEntry>(bytes, at);
           if (section.kind == SectionKind::cells) section.kind = static_cast<SectionKind>(200);
@@ -396,14 +386,7 @@ TEST(CellsOfAFile, AreNothingToReadersThatDoNotKnowThem) {
 
 struct DamagedCells : testing::Test {
   [[nodiscard]] Bytes harmed(Part part, std::size_t index, const std::function<void(Bytes&)>& harm) const {
-    bool found = false;
-    Bytes file = parts_.assemble([&](Part p, std::size_t i, Bytes& bytes) {
-      if (p != part || i != index) return;
-      found = true;
-      harm(bytes);
-    });
-    EXPECT_TRUE(found);
-    return file;
+    return parts_.harmed(part, index, harm);
   }
 
   // The message of the whole check: one line, and no part is read in another way.
@@ -477,20 +460,12 @@ TEST_F(DamagedCells, AreWholeWhenNothingIsDone) {
 }
 
 TEST_F(DamagedCells, MetadataFollowTheirRules) {
-  const auto replace = [](const std::string& old, const std::string& text) {
-    return [=](Bytes& bytes) {
-      std::string json = text_of(bytes);
-      const std::size_t at = json.find(old);
-      ASSERT_NE(at, std::string::npos);
-      bytes = bytes_of(json.replace(at, old.size(), text));
-    };
-  };
-  expect_refused(Part::metadata, 0, replace("\"cells\"", "\"x\""), "do not say whether it has cells [R23]");
+  expect_refused(Part::metadata, 0, replacing("\"cells\"", "\"x\""), "do not say whether it has cells [R23]");
   for (const char* hash : {"\"0123456789abcde\"", "\"0123456789abcdef0\"", "\"0123456789abcdeg\"",
                            "\"-123456789abcdef\"", "\"0x23456789abcdef\"", "\"\"", "7", "null"})
-    expect_refused(Part::metadata, 0, replace("\"0123456789abcdef\"", hash), "[R9]");
+    expect_refused(Part::metadata, 0, replacing("\"0123456789abcdef\"", hash), "[R9]");
   for (const char* copies : {R"("block")", R"("place")", "7"})
-    expect_refused(Part::metadata, 0, replace("\"hash\"", fmt::format(R"("copies":{},"hash")", copies)),
+    expect_refused(Part::metadata, 0, replacing("\"hash\"", fmt::format(R"("copies":{},"hash")", copies)),
                    "only a series has it [R9]");
   const Bytes plain = Dissected(test_volume_bytes(plain_volume())).assemble([](Part part, std::size_t, Bytes& bytes) {
     if (part != Part::metadata) return;
@@ -778,9 +753,7 @@ struct DamagedPolyhedra : DamagedCells {
   const Dissected with_polyhedra_{test_volume_bytes(polyhedra_)};
 
   [[nodiscard]] std::string message(Part part, std::size_t index, const std::function<void(Bytes&)>& harm) const {
-    return message_of(with_polyhedra_.assemble([&](Part p, std::size_t i, Bytes& bytes) {
-      if (p == part && i == index) harm(bytes);
-    }));
+    return message_of(with_polyhedra_.harmed(part, index, harm));
   }
 };
 

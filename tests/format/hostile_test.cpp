@@ -55,9 +55,7 @@ Outcome explore(const Bytes& file) {
 }
 
 Outcome explore(const Dissected& parts, Part part, std::size_t index, const std::function<void(Bytes&)>& change) {
-  return explore(parts.assemble([&](Part p, std::size_t i, Bytes& bytes) {
-    if (p == part && i == index) change(bytes);
-  }));
+  return explore(parts.harmed(part, index, change));
 }
 
 TEST(Surgery, LeavesAFileAsItWasWhereNothingIsDone) {
@@ -134,9 +132,7 @@ Outcome explore_harmed(const Dissected& parts, Part part, std::uint32_t seed) {
   constexpr std::size_t largest_allocation = 8u << 20;
   Mutator mutator(seed);
   const std::size_t index = mutator.draw(parts.count(part));
-  const Bytes file = parts.assemble([&](Part p, std::size_t i, Bytes& bytes) {
-    if (p == part && i == index) mutator.harm(p, bytes);
-  });
+  const Bytes file = parts.harmed(part, index, [&](Bytes& bytes) { mutator.harm(part, bytes); });
   start_counting_allocations();
   const Outcome outcome = explore(file);
   EXPECT_LE(most_bytes_allocated(), largest_allocation) << "seed " << seed;

@@ -170,6 +170,12 @@ TEST(Index, ABushOnAChainComesBack) {
   expect_comes_back(maker.take());
 }
 
+template <class T>
+bool is_invalid(const Result<T>& result) {
+  EXPECT_TRUE(result || result.error().code == ErrorCode::invalid_argument);
+  return !result;
+}
+
 TEST(Index, RefusesArraysThatAreNoTree) {
   TreeMaker maker({3, 1, 1}, 5);
   maker.add_full(2);
@@ -177,11 +183,7 @@ TEST(Index, RefusesArraysThatAreNoTree) {
   const auto refuses = [&](auto change) {
     NodeArrays tree = good;
     change(tree);
-    const auto packed = pack_tree(tree);
-    if (!packed) {
-      EXPECT_EQ(packed.error().code, ErrorCode::invalid_argument);
-    }
-    return !packed;
+    return is_invalid(pack_tree(tree));
   };
   EXPECT_FALSE(refuses([](NodeArrays&) {}));
   EXPECT_TRUE(refuses([](NodeArrays& tree) { tree.child_masks.back() = 1; }));
@@ -221,11 +223,7 @@ TEST(IndexPacker, RefusesWhatIsNoWalk) {
   const auto emit = [](const PackedIndexPage&) -> Status { return {}; };
   const auto refuses = [&](auto walk) {
     IndexPacker packer(shape, emit);
-    const Status status = walk(packer);
-    if (!status) {
-      EXPECT_EQ(status.error().code, ErrorCode::invalid_argument);
-    }
-    return !status;
+    return is_invalid(walk(packer));
   };
   const auto leaf = [&](IndexPacker& packer, unsigned octant) -> Status {
     SPLATVOL_TRY(packer.begin_node(octant));

@@ -152,6 +152,24 @@ TEST_F(OpenFile, GivesTheSurfaceOfAValue) {
   EXPECT_THAT(message_of(open().contour(std::nan(""), "v")), HasSubstr("no value of a contour"));
 }
 
+TEST_F(OpenFile, IntegratesOverTheCells) {
+  const Integrals all = open().integrate().value();
+  ASSERT_EQ(all.attributes.size(), 1);
+  EXPECT_EQ(all.attributes[0].unit, "m/s");
+  const auto [low, high] = open().bounds();
+  EXPECT_NEAR(all.volume, (high.x - low.x) * (high.y - low.y) * (high.z - low.z), 1e-12);
+  EXPECT_EQ(all.attributes[0].low, open().attributes()[0].low);
+  const dvec3 middle = 0.5 * (low + high);
+  const Integrals half = open().integrate({.clip_planes = {{middle, {0, 0, -2}}}}).value();
+  EXPECT_NEAR(half.volume, all.volume / 2, 1e-12);
+  const Integrals above = open().integrate({.ranges = {{.attribute = "v", .low = 2.5}}}).value();
+  const Integrals below = open().integrate({.ranges = {{.attribute = "v", .high = 2.5}}}).value();
+  EXPECT_EQ(above.attributes[0].low, 2.5);
+  EXPECT_NEAR(above.volume + below.volume, all.volume, 1e-12);
+  EXPECT_NEAR(above.attributes[0].integral + below.attributes[0].integral, all.attributes[0].integral, 1e-12);
+  EXPECT_THAT(message_of(open().integrate({.attributes = {"w"}})), HasSubstr("no attribute \"w\""));
+}
+
 TEST_F(OpenFile, TellsWhatIsNotThere) {
   const File file = open();
   EXPECT_THAT(file.points({.resolution = 99}).error().message, HasSubstr("no resolution 99"));

@@ -121,6 +121,36 @@ class HostObjects {
   Buffer buffer_{"a host's buffer"};
 };
 
+constexpr std::array state_names = {GL_DEPTH_FUNC,
+                                    GL_DEPTH_WRITEMASK,
+                                    GL_CULL_FACE_MODE,
+                                    GL_FRONT_FACE,
+                                    GL_POLYGON_MODE,
+                                    GL_PROVOKING_VERTEX,
+                                    GL_CLIP_ORIGIN,
+                                    GL_CLIP_DEPTH_MODE,
+                                    GL_LOGIC_OP_MODE,
+                                    GL_CURRENT_PROGRAM,
+                                    GL_VERTEX_ARRAY_BINDING,
+                                    GL_DRAW_FRAMEBUFFER_BINDING,
+                                    GL_READ_FRAMEBUFFER_BINDING,
+                                    GL_DRAW_INDIRECT_BUFFER_BINDING,
+                                    GL_DISPATCH_INDIRECT_BUFFER_BINDING,
+                                    GL_SHADER_STORAGE_BUFFER_BINDING,
+                                    GL_UNIFORM_BUFFER_BINDING,
+                                    GL_ARRAY_BUFFER_BINDING,
+                                    GL_COPY_READ_BUFFER_BINDING,
+                                    GL_COPY_WRITE_BUFFER_BINDING,
+                                    GL_PIXEL_PACK_BUFFER_BINDING,
+                                    GL_PIXEL_UNPACK_BUFFER_BINDING,
+                                    GL_PACK_ALIGNMENT,
+                                    GL_PACK_ROW_LENGTH,
+                                    GL_PACK_SKIP_ROWS,
+                                    GL_UNPACK_ALIGNMENT,
+                                    GL_UNPACK_ROW_LENGTH,
+                                    GL_UNPACK_SKIP_PIXELS,
+                                    GL_ACTIVE_TEXTURE};
+
 // All state that a host may rely on, as far as OpenGL tells it by a number.
 std::vector<GLint64> snapshot() {
   std::vector<GLint64> all;
@@ -154,36 +184,7 @@ std::vector<GLint64> snapshot() {
          {GL_SHADER_STORAGE_BUFFER_BINDING, GL_SHADER_STORAGE_BUFFER_START, GL_SHADER_STORAGE_BUFFER_SIZE,
           GL_UNIFORM_BUFFER_BINDING, GL_UNIFORM_BUFFER_START, GL_UNIFORM_BUFFER_SIZE})
       add_at(name, i);
-  for (const GLenum name : {GL_DEPTH_FUNC,
-                            GL_DEPTH_WRITEMASK,
-                            GL_CULL_FACE_MODE,
-                            GL_FRONT_FACE,
-                            GL_POLYGON_MODE,
-                            GL_PROVOKING_VERTEX,
-                            GL_CLIP_ORIGIN,
-                            GL_CLIP_DEPTH_MODE,
-                            GL_LOGIC_OP_MODE,
-                            GL_CURRENT_PROGRAM,
-                            GL_VERTEX_ARRAY_BINDING,
-                            GL_DRAW_FRAMEBUFFER_BINDING,
-                            GL_READ_FRAMEBUFFER_BINDING,
-                            GL_DRAW_INDIRECT_BUFFER_BINDING,
-                            GL_DISPATCH_INDIRECT_BUFFER_BINDING,
-                            GL_SHADER_STORAGE_BUFFER_BINDING,
-                            GL_UNIFORM_BUFFER_BINDING,
-                            GL_ARRAY_BUFFER_BINDING,
-                            GL_COPY_READ_BUFFER_BINDING,
-                            GL_COPY_WRITE_BUFFER_BINDING,
-                            GL_PIXEL_PACK_BUFFER_BINDING,
-                            GL_PIXEL_UNPACK_BUFFER_BINDING,
-                            GL_PACK_ALIGNMENT,
-                            GL_PACK_ROW_LENGTH,
-                            GL_PACK_SKIP_ROWS,
-                            GL_UNPACK_ALIGNMENT,
-                            GL_UNPACK_ROW_LENGTH,
-                            GL_UNPACK_SKIP_PIXELS,
-                            GL_ACTIVE_TEXTURE})
-    add(name);
+  for (const GLenum name : state_names) add(name);
   const auto active = static_cast<GLenum>(all.back());
   for (GLenum unit = 0; unit < 8; ++unit) {
     glActiveTexture(GL_TEXTURE0 + unit);

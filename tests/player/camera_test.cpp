@@ -147,13 +147,13 @@ class CameraPathFile : public test::FolderTest {
 TEST_F(CameraPathFile, GoesThroughItsCameras) {
   CameraPath path;
   for (int i = 0; i < 3; ++i) {
-    path.cameras.push_back(far_camera(Camera::Projection::perspective));
-    orbit(path.cameras.back(), viewport, {100.0 * i, 50.0 * i});
-    zoom(path.cameras.back(), viewport, {400, 300}, std::exp2(i), 1e-9);
+    path.views.push_back({far_camera(Camera::Projection::perspective)});
+    orbit(path.views.back().camera, viewport, {100.0 * i, 50.0 * i});
+    zoom(path.views.back().camera, viewport, {400, 300}, std::exp2(i), 1e-9);
   }
   for (int i = 0; i < 3; ++i) {
     const Camera camera = camera_at(path, i / 2.0);
-    EXPECT_LT(glm::length(camera.position - path.cameras[static_cast<std::size_t>(i)].position), 1e-7) << i;
+    EXPECT_LT(glm::length(camera.position - path.views[static_cast<std::size_t>(i)].camera.position), 1e-7) << i;
   }
   double last = 0;
   for (int i = 0; i <= 20; ++i) {
@@ -165,8 +165,13 @@ TEST_F(CameraPathFile, GoesThroughItsCameras) {
   write(path_to_json(path));
   const auto read = load_camera_path(file);
   ASSERT_TRUE(read) << read.error().message;
-  EXPECT_EQ(read->cameras[2].position, path.cameras[2].position);
-  EXPECT_EQ(read->cameras.size(), 3u);
+  EXPECT_EQ(read->views[2].camera.position, path.views[2].camera.position);
+  EXPECT_EQ(read->views.size(), 3u);
+  EXPECT_EQ(read->views[2].name, "");
+
+  path.views[1].name = "a name, \"quoted\"";
+  write(path_to_json(path));
+  EXPECT_EQ(load_camera_path(file)->views[1].name, path.views[1].name);
 }
 
 TEST_F(CameraPathFile, RefusesWhatIsNone) {
@@ -178,6 +183,7 @@ TEST_F(CameraPathFile, RefusesWhatIsNone) {
         {R"({"seconds": 5, "cameras": []})", "no cameras"},
         {R"({"seconds": 5, "cameras": [{}]})", "cameras[0]"},
         {fmt::format(R"({{"seconds": 0, "cameras": [{}]}})", camera), "seconds"},
+        {fmt::format(R"({{"seconds": 5, "cameras": [{}], "names": ["a", "b"]}})", camera), "not as many as cameras"},
         {fmt::format(R"({{"seconds": 5, "cameras": [{},{}]}})", camera, other), "both projections"}}) {
     write(text);
     const auto path = load_camera_path(file);

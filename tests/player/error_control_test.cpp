@@ -9,6 +9,8 @@
 namespace splatvol {
 namespace {
 
+constexpr std::size_t resolutions = 10;
+
 // A view whose pictures have known errors. Each step of splats adds a field of noise, so that the error of n splats
 // goes by n^-decay, down to that of all points.
 class KnownView {
@@ -34,34 +36,36 @@ class KnownView {
 
   [[nodiscard]] double error_of(std::size_t cut) const { return std::hypot(own_error(cut), options_.file_error); }
 
-  [[nodiscard]] std::size_t cut_of(const ErrorControl::Request& request) const {
-    if (request.coarser > 0) return cuts_.size() - 1;  // answered in `draw`
+  [[nodiscard]] std::size_t cut_of(const ErrorGoal& goal) const {
     std::size_t cut = 0;
-    while (cut + 1 < cuts_.size() && cuts_[cut + 1] <= static_cast<double>(request.goal.max_splats) &&
-           !(options_.expects * error_of(cut) <= request.goal.expected_error))
+    while (cut + 1 < cuts_.size() && cuts_[cut + 1] <= static_cast<double>(goal.max_splats) &&
+           !(options_.expects * error_of(cut) <= goal.expected_error))
       ++cut;
     return cut;
   }
 
   void draw(ErrorControl& control) {
-    const ErrorControl::Request request = *control.next();
-    const std::size_t cut = cut_of(request);
-    Image image = picture(cut, request.coarser);
-    const double spacing = request.sample_spacing;
+    const Recipe recipe = *control.next({});
+    const std::size_t coarser = recipe.splats->resolution ? resolutions - 1 - *recipe.splats->resolution : 0;
+    const std::size_t cut = coarser > 0 ? cuts_.size() - 1 : cut_of(*recipe.splats->goal);
+    Image image = picture(cut, coarser);
+    const double spacing = recipe.sample_spacing;
     add(image, 1000, options_.sampling_error * (spacing * spacing - 1) / 3);
-    control.add({.image = image,
+    control.add({.recipe = recipe,
                  .splats = static_cast<std::uint64_t>(cuts_[cut]),
                  .expected_error = options_.expects * error_of(cut),
-                 .finest = request.coarser == 0 && cut + 1 == cuts_.size(),
-                 .fragments = options_.layers * options_.width * options_.height / (spacing * spacing)});
-    if (request.coarser == 0) last_ = cut, spacing_ = request.sample_spacing;
+                 .finest = coarser == 0 && cut + 1 == cuts_.size(),
+                 .fragments = options_.layers * options_.width * options_.height / (spacing * spacing),
+                 .picture = &image},
+                {});
+    if (coarser == 0) last_ = cut, spacing_ = recipe.sample_spacing;
     drawn_ += cuts_[cut];
   }
 
   // Runs a control to its end. Returns the last cut.
   std::size_t run(ErrorControl& control) {
-    while (control.next() && control.pictures() < 50) draw(control);
-    EXPECT_FALSE(control.next());
+    while (control.next({}) && control.pictures() < 50) draw(control);
+    EXPECT_FALSE(control.next({}));
     return last_;
   }
 
@@ -114,7 +118,7 @@ TEST(ErrorControl, FindsTheSplatsOfAnErrorWhateverTheModelExpects) {
     for (const double decay : {0.35, 0.45, 0.6})
       for (const double error : {0.02, 0.005, 0.0025}) {
         KnownView view({.decay = decay, .expects = expects});
-        ErrorControl control(error);
+        ErrorControl control(error, {.resolutions = resolutions});
         const std::size_t cut = view.run(control);
         const auto label = ::testing::Message() << expects << " expected, decay " << decay << ", error " << error;
         EXPECT_LE(view.error_of(cut), 1.25 * error) << label;
@@ -162,12 +166,12 @@ TEST(ErrorControl, SplatsThatCannotHaveTheErrorAreDrawnOnce) {
                                .rays = Rays{.image = exact},
                                .cells = CellCounts{.tetrahedra = 1000, .segments = 1e5}});
   std::vector<int> splats, cells;  // the spacings
-  while (control.next() && control.pictures() < 20) {
-    const bool is_exact = control.next()->exact;
-    const int spacing = control.next()->sample_spacing;
+  while (control.next({}) && control.pictures() < 20) {
+    const bool is_exact = control.next({})->is_exact();
+    const int spacing = control.next({})->sample_spacing;
     (is_exact ? cells : splats).push_back(spacing);
     const Image image = off_by(!is_exact ? 0.05F : spacing > 1 ? 0.01F : 0.0F);
-    control.add({.image = image, .splats = 1000, .finest = true, .fragments = 1e4});
+    control.add({.recipe = *control.next({}), .splats = 1000, .finest = true, .fragments = 1e4, .picture = &image}, {});
   }
   EXPECT_EQ(splats, std::vector<int>{4});
   EXPECT_EQ(cells, (std::vector<int>{4, 2, 1}));
@@ -177,7 +181,7 @@ TEST(ErrorControl, SplatsThatCannotHaveTheErrorAreDrawnOnce) {
 TEST(ErrorControl, StaysNearTheErrorWhereCutsAreFarApart) {
   for (const double error : {0.02, 0.01, 0.005}) {
     KnownView view({.step = 6});
-    ErrorControl control(error);
+    ErrorControl control(error, {.resolutions = resolutions});
     const std::size_t cut = view.run(control);
     EXPECT_LE(view.error_of(cut), 1.25 * error);
     EXPECT_LE(view.splats(cut), 1.5 * view.fewest(error));
@@ -187,7 +191,7 @@ TEST(ErrorControl, StaysNearTheErrorWhereCutsAreFarApart) {
 TEST(ErrorControl, CountsTheErrorOfAllPoints) {
   for (const double file_error : {0.3, 0.6, 0.9}) {
     KnownView view({.file_error = 0.01 * file_error, .all = 100000});
-    ErrorControl control(0.01);
+    ErrorControl control(0.01, {.resolutions = resolutions});
     EXPECT_LE(view.error_of(view.run(control)), 0.0125);
     EXPECT_NEAR(control.estimate().file_error, 0.9 * 0.01 * file_error, 0.001);
     EXPECT_TRUE(control.estimate().reached);
@@ -196,7 +200,7 @@ TEST(ErrorControl, CountsTheErrorOfAllPoints) {
 
 TEST(ErrorControl, SaysThatAllPointsHaveMoreThanTheError) {
   KnownView view({.file_error = 0.02, .all = 20000});
-  ErrorControl control(0.004);
+  ErrorControl control(0.004, {.resolutions = resolutions});
   const std::size_t cut = view.run(control);
   EXPECT_NEAR(control.estimate().file_error, 0.9 * 0.02, 0.002);
   EXPECT_LE(view.error_of(cut), 1.05 * 0.02);
@@ -205,7 +209,7 @@ TEST(ErrorControl, SaysThatAllPointsHaveMoreThanTheError) {
 // Of the last two steps to all points, one may be small by chance.
 TEST(ErrorControl, SeesTheErrorOfAllPointsInTwoSteps) {
   KnownView view({.file_error = 0.008, .last_step = 0.5, .second_last_step = 4, .all = 100000});
-  ErrorControl control(0.01);
+  ErrorControl control(0.01, {.resolutions = resolutions});
   EXPECT_LE(view.error_of(view.run(control)), 0.0125);
   EXPECT_NEAR(control.estimate().file_error, 0.008, 0.001);
 }
@@ -213,7 +217,7 @@ TEST(ErrorControl, SeesTheErrorOfAllPointsInTwoSteps) {
 // Splats help little where all points have far more than the error.
 TEST(ErrorControl, AddsTheErrorWhereAllPointsHaveMuchMore) {
   KnownView view({.file_error = 0.02, .all = 200000});
-  ErrorControl control(0.005);
+  ErrorControl control(0.005, {.resolutions = resolutions});
   const std::size_t cut = view.run(control);
   EXPECT_LE(view.error_of(cut), 1.2 * 0.02);
   EXPECT_LE(view.splats(cut), 1.5 * std::pow(1 / 0.005, 1 / 0.45));
@@ -221,7 +225,7 @@ TEST(ErrorControl, AddsTheErrorWhereAllPointsHaveMuchMore) {
 
 TEST(ErrorControl, EndsAtTheCoarsestCut) {
   KnownView view({.scale = 1e-3});
-  ErrorControl control(0.02);
+  ErrorControl control(0.02, {.resolutions = resolutions});
   EXPECT_EQ(view.run(control), 0U);
   EXPECT_TRUE(control.estimate().reached);
   EXPECT_LE(control.pictures(), 4);
@@ -229,7 +233,7 @@ TEST(ErrorControl, EndsAtTheCoarsestCut) {
 
 TEST(ErrorControl, EndsAtTheMostSplatsAndSaysSo) {
   KnownView view({});
-  ErrorControl control(0.001, {.most_splats = 30000});
+  ErrorControl control(0.001, {.most_splats = 30000, .resolutions = resolutions});
   const std::size_t cut = view.run(control);
   EXPECT_LE(view.splats(cut), 30000);
   EXPECT_GT(view.splats(cut), 24000);
@@ -238,21 +242,22 @@ TEST(ErrorControl, EndsAtTheMostSplatsAndSaysSo) {
 
 TEST(ErrorControl, EndsForAnEmptyPictureAndForOneCutOnly) {
   Image black{8, 8, std::vector<vec4>(64)};
-  ErrorControl control(0.01);
-  while (control.next() && control.pictures() < 20) control.add({black, 0, 0, true});
-  EXPECT_FALSE(control.next());
+  ErrorControl control(0.01, {.resolutions = resolutions});
+  while (control.next({}) && control.pictures() < 20)
+    control.add({.recipe = *control.next({}), .finest = true, .picture = &black}, {});
+  EXPECT_FALSE(control.next({}));
   EXPECT_TRUE(control.estimate().reached);
 
   KnownView only({.coarsest = 100, .all = 101, .step = 2});
-  ErrorControl of_only(1e-6);
+  ErrorControl of_only(1e-6, {.resolutions = resolutions});
   EXPECT_EQ(only.run(of_only), 1U);
 }
 
 TEST(ErrorControl, LearnsTheGoalThatFindsTheSameCut) {
   KnownView view({.expects = 0.2});
-  ErrorControl control(0.01);
+  ErrorControl control(0.01, {.resolutions = resolutions});
   const std::size_t cut = view.run(control);
-  EXPECT_EQ(view.cut_of({.goal = {.expected_error = 0.01 * control.learned() * (1 + 1e-9)}}), cut);
+  EXPECT_EQ(view.cut_of({.expected_error = 0.01 * control.learned() * (1 + 1e-9)}), cut);
 }
 
 TEST(ErrorControl, GrowsToThePictureThatIsFineEnough) {
@@ -260,7 +265,7 @@ TEST(ErrorControl, GrowsToThePictureThatIsFineEnough) {
     KnownView view({.scale = 1, .expects = expects});
     ErrorControl control(0.01, {.grows = true});
     std::uint64_t before = 0;
-    while (control.next()) {
+    while (control.next({})) {
       view.draw(control);
       EXPECT_GT(control.tried().back().splats, before) << "each picture is finer";
       before = control.tried().back().splats;
@@ -291,7 +296,7 @@ TEST(ErrorControl, GrowsToAllPointsOrToTheMostSplats) {
 
 TEST(ErrorControl, TakesASampleOfALargePicture) {
   KnownView view({.all = 30000, .width = 1200, .height = 900});
-  ErrorControl control(0.02);
+  ErrorControl control(0.02, {.resolutions = resolutions});
   const std::size_t cut = view.run(control);
   EXPECT_LE(view.error_of(cut), 1.25 * 0.02);
   EXPECT_LE(view.splats(cut), 1.5 * view.fewest(0.02));

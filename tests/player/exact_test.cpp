@@ -46,7 +46,7 @@ class ExactPictures : public test::FolderTest {
   }
 
   static Image drawn(Player& player) {
-    EXPECT_EQ(test::message_of(player.draw_exact()), "");
+    EXPECT_EQ(test::message_of(player.draw(Recipe::of_cells())), "");
     EXPECT_TRUE(player.exact());
     return test::value_of(player.image());
   }
@@ -71,7 +71,7 @@ TEST_F(ExactPictures, AreThoseOfTheReference) {
     EXPECT_LE(share, 1);
     last = share;
   };
-  ASSERT_EQ(test::message_of(player->draw_exact(progress)), "");
+  ASSERT_EQ(test::message_of(player->draw(Recipe::of_cells(), {}, progress)), "");
   EXPECT_EQ(last, 1);
   EXPECT_LE(rmse(test::value_of(player->image()), truth(mesh_, scene())), 1e-5);
   EXPECT_GT(player->exact()->segments, 1000u);
@@ -89,7 +89,7 @@ TEST_F(ExactPictures, AreThoseOfTheReference) {
 
   // Splats, and back.
   const Image before = drawn(*player);
-  ASSERT_EQ(test::message_of(player->draw_frame({.detail = {.tolerance_percent = 0}})), "");
+  ASSERT_EQ(test::message_of(player->draw({Detail{.tolerance_percent = 0}})), "");
   EXPECT_FALSE(player->exact());
   EXPECT_GT(rmse(test::value_of(player->image()), before), 1e-5);
   EXPECT_EQ(compare_images(drawn(*player), before)->max, 0);
@@ -117,7 +117,7 @@ TEST_F(ExactPictures, EndAtSurfaces) {
     ASSERT_EQ(test::message_of(player->set_scene(with)), "");
     const Image picture = drawn(*player);
     EXPECT_TRUE(player->has_drawn_surfaces());
-    ASSERT_EQ(test::message_of(player->draw_frame({.detail = {.tolerance_percent = 0}})), "");
+    ASSERT_EQ(test::message_of(player->draw({Detail{.tolerance_percent = 0}})), "");
     const Image splats = test::value_of(player->image());
     EXPECT_LE(rmse(picture, splats), 0.02) << opacity;
     EXPECT_GT(rmse(picture, truth(mesh_, scene())), 0.05) << opacity;
@@ -215,7 +215,7 @@ TEST_F(ExactPictures, OfBlocksInASeriesKeepTheValuesOfEach) {
 TEST_F(ExactPictures, AreCancelled) {
   test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto player = open("m.svol");
-  const Status cancelled = player->draw_exact([&](double) { player->cancel(); });
+  const auto cancelled = player->draw(Recipe::of_cells(), {}, [&](double) { player->cancel(); });
   ASSERT_FALSE(cancelled);
   EXPECT_EQ(cancelled.error().code, ErrorCode::cancelled);
   EXPECT_THAT(cancelled.error().message, HasSubstr("m.svol: cancelled"));
@@ -265,7 +265,7 @@ TEST_F(ExactPictures, HaveContours) {
   other = with_contours(scene());
   other.contours[0].color_by->attribute = "depht";
   ASSERT_EQ(test::message_of(player->set_scene(other)), "");
-  EXPECT_THAT(test::message_of(player->draw_exact()), HasSubstr("two.svol: no attribute \"depht\""));
+  EXPECT_THAT(test::message_of(player->draw(Recipe::of_cells())), HasSubstr("two.svol: no attribute \"depht\""));
   other.contours[0].values.push_back(1.0);
   EXPECT_THAT(test::message_of(player->set_scene(other)), HasSubstr("the value 1 is given twice"));
 }
@@ -279,7 +279,7 @@ TEST_F(ExactPictures, ReadWhatContoursAndSlicesNeed) {
   const auto chunks = [&](const Scene& shown) {
     const auto player = open("m.svol");
     EXPECT_EQ(test::message_of(player->set_scene(shown)), "");
-    EXPECT_EQ(test::message_of(player->draw_exact()), "");
+    EXPECT_EQ(test::message_of(player->draw(Recipe::of_cells())), "");
     return player->exact()->chunks;
   };
   EXPECT_EQ(chunks(scene), 0U);
@@ -298,7 +298,7 @@ TEST_F(ExactPictures, ReadWhatContoursAndSlicesNeed) {
   EXPECT_LT(of_slice, whole);
 }
 
-// Cells that need not be read are the end of the ladder, if nobody asks for splats of a kind.
+// Cells are the end of the ladder, held or not, if nobody asks for splats of a kind.
 TEST_F(ExactPictures, AreDrawnWhereThereIsMuchTime) {
   test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
   const auto is_exact = [&](bool holds, const Drawing& drawing) {
@@ -317,9 +317,20 @@ TEST_F(ExactPictures, AreDrawnWhereThereIsMuchTime) {
   };
   EXPECT_TRUE(is_exact(true, {}));
   EXPECT_TRUE(is_exact(true, {.sample_spacing = 3}));
-  EXPECT_FALSE(is_exact(false, {}));
+  EXPECT_TRUE(is_exact(false, {}));
   EXPECT_FALSE(is_exact(true, {.kernel = KernelKind::moments}));
   EXPECT_FALSE(is_exact(true, {.sort = SortMode::axis}));
+}
+
+// Reading is work.
+TEST_F(ExactPictures, CountWhatIsNotRead) {
+  test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
+  const auto player = open("m.svol");
+  const auto unread = [&] { return test::value_of(player->choices({.cells = Chooser::Cells::near})).cells->unread; };
+  const double before = unread();
+  EXPECT_EQ(before, static_cast<double>(test::value_of(player->estimate_exact()).tetrahedra));
+  EXPECT_EQ(test::message_of(player->hold_cells()), "");
+  EXPECT_EQ(unread(), 0);
 }
 
 // A segment with many pieces is more work, so that less of it is drawn where nobody asks.
@@ -359,24 +370,34 @@ TEST_F(ExactPictures, HaveTheSlicesOfTheMesh) {
   EXPECT_LE(rmse(picture, composite.finish()), 1e-5);
 }
 
+// Shells of the volume stand for contours where there are no cells, or splats are asked for.
 TEST_F(ExactPictures, AloneHaveContours) {
   test::build_mesh(mesh_, test::waves, path("plain.svol"), {.keep_cells = false});
-  Scene with = scene();
-  with.contours = {{.values = {0.5}}};
-  const auto plain = open("plain.svol");
-  ASSERT_EQ(test::message_of(plain->set_scene(with)), "");
-  EXPECT_THAT(test::message_of(plain->draw_frame({})), HasSubstr("plain.svol: it keeps no cells, and only these have"));
-
   test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
-  const auto player = open("m.svol");
-  ASSERT_EQ(test::message_of(player->set_scene(with)), "");
-  EXPECT_THAT(test::message_of(player->draw_frame({})), HasSubstr("m.svol: splats have no contours: draw it exactly"));
+  Scene with = scene();
+  with.transfer_function.densities = {{0, 0}, {1, 0}};
+  const auto coverage = [&](const std::string& file, const Quality& quality) {
+    const auto player = open(file);
+    EXPECT_EQ(test::message_of(player->set_scene(with)), "");
+    EXPECT_EQ(test::message_of(player->draw_picture(quality)), "");
+    EXPECT_EQ(player->shows_shells(), !with.contours.empty() && !player->exact());
+    const Image image = test::value_of(player->image());
+    return static_cast<double>(std::ranges::count_if(image.pixels, [](const vec4& pixel) { return pixel.a > 0.5F; })) /
+           static_cast<double>(image.pixels.size());
+  };
+  EXPECT_EQ(coverage("plain.svol", {}), 0);
+  with.contours = {{.values = {0.5}}};
+  const double exact_share = coverage("m.svol", {});
+  EXPECT_GT(exact_share, 0.01);
+  for (const Quality& quality : {Quality(), Quality{.tolerance_percent = 0}, Quality{.milliseconds = 1e6}}) {
+    EXPECT_LT(std::abs(std::log(coverage("plain.svol", quality) / exact_share)), std::log(2.0));
+  }
+  EXPECT_EQ(coverage("m.svol", {.tolerance_percent = 0}), coverage("plain.svol", {.tolerance_percent = 0}));
 }
 
 // Whatever the time: then samples are apart.
 TEST_F(ExactPictures, OfContoursInATime) {
   test::build_mesh(mesh_, test::waves, path("m.svol"), exact());
-  test::build_mesh(mesh_, test::waves, path("plain.svol"), {.keep_cells = false});
   Scene with = scene();
   with.contours = {{.values = {0.5}, .color = dvec3(1, 0, 0)}};
   with.transfer_function.densities = {{0, 0}};
@@ -399,12 +420,12 @@ TEST_F(ExactPictures, OfContoursInATime) {
       EXPECT_EQ(test::value_of(player->image()).pixels, exact_picture.pixels);
     }
   const auto player = of_file("m.svol");
-  EXPECT_TRUE(test::value_of(player->draw_at_pace(1e-9)).back().is_exact());
-  EXPECT_EQ(test::value_of(player->draw_at_pace(1e3)).back(), Rung(0, 1));
+  PaceSearch in_no_time(1e-9), in_any_time(1e3);
+  ASSERT_EQ(test::message_of(player->draw_all(in_no_time)), "");
+  EXPECT_TRUE(in_no_time.drawn().back().is_exact());
+  ASSERT_EQ(test::message_of(player->draw_all(in_any_time)), "");
+  EXPECT_EQ(in_any_time.drawn().back(), Recipe::of_cells(1));
   EXPECT_EQ(test::value_of(player->image()).pixels, exact_picture.pixels);
-  const auto plain = of_file("plain.svol");
-  EXPECT_THAT(test::message_of(plain->draw_at_pace(1)),
-              HasSubstr("plain.svol: it keeps no cells, and only these have"));
 }
 
 // Rays end at surfaces, and cross slices.
@@ -462,9 +483,9 @@ TEST_F(ExactPictures, AreDrawnWhereNothingIsAsked) {
 TEST_F(ExactPictures, NeedCells) {
   test::build_mesh(mesh_, test::waves, path("plain.svol"));
   const auto player = open("plain.svol");
-  EXPECT_THAT(test::message_of(player->draw_exact()), HasSubstr("plain.svol: it keeps no cells"));
+  EXPECT_THAT(test::message_of(player->draw(Recipe::of_cells())), HasSubstr("plain.svol: it keeps no cells"));
   EXPECT_FALSE(player->exact());
-  EXPECT_EQ(test::message_of(player->draw_frame({})), "");
+  EXPECT_EQ(test::message_of(player->draw({Detail()})), "");
 }
 
 }  // namespace

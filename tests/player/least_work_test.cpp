@@ -46,7 +46,7 @@ class LeastWork : public test::FolderTest {
    public:
     File(const std::string& path, const Scene& scene)
         : player_(test::value_of(Player::open(path, scene, {.device = Device::cpu}))) {
-      EXPECT_EQ(test::message_of(player_->draw_exact()), "");
+      EXPECT_EQ(test::message_of(player_->draw(Recipe::of_cells())), "");
       exact_ = test::value_of(player_->image());
       segments_ = static_cast<double>(player_->exact()->segments);
     }
@@ -75,11 +75,11 @@ class LeastWork : public test::FolderTest {
       for (const double factor : {0.5, 1.0, 2.0})
         for (const int spacing : {1, 2, 4}) {
           const ErrorGoal goal{0, static_cast<std::uint64_t>(factor * splats)};
-          EXPECT_EQ(test::message_of(player_->draw_frame({.detail = {.goal = goal}}, {.sample_spacing = spacing})), "");
+          EXPECT_EQ(test::message_of(player_->draw({Detail{.goal = goal}, spacing})), "");
           all.push_back(drawn());
         }
       for (const int spacing : {1, 2}) {
-        EXPECT_EQ(test::message_of(player_->draw_exact({}, spacing)), "");
+        EXPECT_EQ(test::message_of(player_->draw(Recipe::of_cells(spacing))), "");
         all.push_back(drawn());
       }
       return all;

@@ -24,48 +24,48 @@ struct Machine {
   double splats_error = 0.37;   // times n^-.45
   double cells_error = 0.0002;  // with samples 2 pixels apart; 4 apart twice that, and so on
 
-  [[nodiscard]] static double fragments(const Rung& rung, const Choices& choices) {
-    return 3 * std::cbrt(static_cast<double>(rung.splats)) * choices.pixels /
+  [[nodiscard]] static double fragments(const Recipe& rung, const Choices& choices) {
+    return 3 * std::cbrt(static_cast<double>(rung.most_splats())) * choices.pixels /
            (rung.sample_spacing * rung.sample_spacing);
   }
-  [[nodiscard]] double seconds(const Rung& rung, const Choices& choices) const {
+  [[nodiscard]] double seconds(const Recipe& rung, const Choices& choices) const {
     if (rung.is_exact()) return factor * 1e-9 * work_of_cells(*choices.cells, choices.pixels, rung.sample_spacing);
     return factor * 1e-9 *
-           work_of_splats(static_cast<double>(rung.splats), fragments(rung, choices), choices.pixels,
+           work_of_splats(static_cast<double>(rung.most_splats()), fragments(rung, choices), choices.pixels,
                           rung.sample_spacing);
   }
-  [[nodiscard]] double error(const Rung& rung) const {
+  [[nodiscard]] double error(const Recipe& rung) const {
     if (rung.is_exact()) return rung.sample_spacing == 1 ? 0 : 0.5 * cells_error * rung.sample_spacing;
-    return splats_error * std::pow(static_cast<double>(rung.splats), -0.45);
+    return splats_error * std::pow(static_cast<double>(rung.most_splats()), -0.45);
   }
-  Rung draw(MotionControl& control, const Choices& choices, double jitter = 1) const {
-    const Rung rung = control.next(choices);
-    control.add({.rung = rung,
+  Recipe draw(MotionControl& control, const Choices& choices, double jitter = 1) const {
+    const Recipe rung = *control.next(choices);
+    control.add({.recipe = rung,
                  .fragments = rung.is_exact() ? 0 : fragments(rung, choices),
                  .seconds = jitter * seconds(rung, choices)},
                 choices);
     return rung;
   }
   void teach(MotionControl& control, const Choices& choices) const {
-    for (const Rung& rung : MotionControl::rungs(choices)) {
-      if (rung.is_exact() || rung.splats == 23170) control.add({.rung = rung, .error = error(rung)}, choices);
+    for (const Recipe& rung : MotionControl::rungs(choices)) {
+      if (rung.is_exact() || rung.most_splats() == 23170) control.add({.recipe = rung, .error = error(rung)}, choices);
     }
   }
 };
 
 // The best of what the rule allows, by true times and errors.
-Rung best_by_the_rule(const Machine& machine, const Choices& choices, const MotionLimits& limits) {
-  const std::vector<Rung> all = MotionControl::rungs(choices);
+Recipe best_by_the_rule(const Machine& machine, const Choices& choices, const MotionLimits& limits) {
+  const std::vector<Recipe> all = MotionControl::rungs(choices);
   const auto best_of = [&](bool has_splats, double most_error, double most_seconds, const auto& is_better) {
-    std::optional<Rung> best;
-    for (const Rung& rung : all)
+    std::optional<Recipe> best;
+    for (const Recipe& rung : all)
       if ((has_splats || rung.is_exact()) && machine.error(rung) <= most_error &&
           machine.seconds(rung, choices) <= most_seconds && (!best || is_better(rung, *best)))
         best = rung;
     return best;
   };
-  const auto is_finer = [&](const Rung& a, const Rung& b) { return machine.error(a) < machine.error(b); };
-  const auto is_quicker = [&](const Rung& a, const Rung& b) {
+  const auto is_finer = [&](const Recipe& a, const Recipe& b) { return machine.error(a) < machine.error(b); };
+  const auto is_quicker = [&](const Recipe& a, const Recipe& b) {
     return machine.seconds(a, choices) < machine.seconds(b, choices);
   };
   for (const bool has_splats : {false, true}) {
@@ -91,7 +91,7 @@ TEST(MotionControl, FindsTheRungOfItsRule) {
           static_cast<void>(machine.draw(control, choices));
           control.rest();
         }
-        const Rung found = control.next(choices), wanted = best_by_the_rule(machine, choices, limits);
+        const Recipe found = *control.next(choices), wanted = best_by_the_rule(machine, choices, limits);
         const double seconds = machine.seconds(found, choices), error = machine.error(found);
         EXPECT_LE(seconds, 1.5 * std::max(machine.seconds(wanted, choices), smooth)) << factor << ' ' << splats_error;
         EXPECT_LE(error, 1.3 * std::max(machine.error(wanted), limits.max_error)) << factor << ' ' << splats_error;
@@ -103,7 +103,7 @@ TEST(MotionControl, DrawsNoFalseColorForAFrame) {
   const Machine machine{.factor = 2, .splats_error = 3};  // splats are poor here
   MotionControl control;
   machine.teach(control, choices);
-  const Rung rung = machine.draw(control, choices);
+  const Recipe rung = machine.draw(control, choices);
   EXPECT_TRUE(rung.is_exact());
   EXPECT_GT(machine.seconds(rung, choices), smooth);
   EXPECT_LE(machine.seconds(rung, choices), 0.1);
@@ -112,9 +112,9 @@ TEST(MotionControl, DrawsNoFalseColorForAFrame) {
 // Right after opening, nothing is measured.
 TEST(MotionControl, PrefersCellsAtFirst) {
   MotionControl control;
-  EXPECT_TRUE(control.next(with_cells(2e5, 2e7)).is_exact());
-  EXPECT_FALSE(control.next(points).is_exact());
-  EXPECT_FALSE(control.expected_error({0, 4}, with_cells(2e5, 2e7)).is_measured);
+  EXPECT_TRUE(control.next(with_cells(2e5, 2e7))->is_exact());
+  EXPECT_FALSE(control.next(points)->is_exact());
+  EXPECT_FALSE(control.expected_error(Recipe::of_cells(4), with_cells(2e5, 2e7)).is_measured);
 }
 
 // A narrow function may have a much larger error than the model says.
@@ -122,13 +122,13 @@ TEST(MotionControl, DrawsFinerCellsUntilErrorsAreMeasured) {
   const Choices choices = with_cells(1e5, 4e6);
   const Machine machine{.cells_error = 1e-3};
   MotionControl control;
-  const Rung first = machine.draw(control, choices);
+  const Recipe first = machine.draw(control, choices);
   ASSERT_TRUE(first.is_exact());
   EXPECT_GT(machine.seconds(first, choices), smooth);
   EXPECT_LE(machine.seconds(first, choices), 2 * smooth);
   machine.teach(control, choices);
   control.rest();
-  const Rung second = machine.draw(control, choices);
+  const Recipe second = machine.draw(control, choices);
   EXPECT_GT(second.sample_spacing, first.sample_spacing);
   EXPECT_LE(machine.seconds(second, choices), smooth);
 }
@@ -139,9 +139,10 @@ TEST(MotionControl, CellsComeBeforeSplatsOfAboutTheirError) {
   const MotionLimits limits{.max_error = 1e-4};
   for (const double advantage : {1.2, 3.0}) {
     MotionControl control(limits);
-    for (const Rung& rung : MotionControl::rungs(choices))
-      control.add({.rung = rung, .error = rung.is_exact() ? 0.002 * rung.sample_spacing : 0.004 / advantage}, choices);
-    EXPECT_EQ(control.next(choices).is_exact(), advantage < 1.5) << advantage;
+    for (const Recipe& rung : MotionControl::rungs(choices))
+      control.add({.recipe = rung, .error = rung.is_exact() ? 0.002 * rung.sample_spacing : 0.004 / advantage},
+                  choices);
+    EXPECT_EQ(control.next(choices)->is_exact(), advantage < 1.5) << advantage;
   }
 }
 
@@ -151,7 +152,7 @@ TEST(MotionControl, KeepsARungWithinAMovement) {
     MotionControl control;
     machine.teach(control, choices);
     for (int picture = 0; picture < 5; ++picture) static_cast<void>(machine.draw(control, choices));
-    const Rung rung = control.next(choices);
+    const Recipe rung = *control.next(choices);
     for (const double jitter : {1.2, 0.9, 1.1, 0.85, 1.2, 0.9, 1.0})
       EXPECT_EQ(machine.draw(control, choices, jitter), rung) << jitter;
   }
@@ -162,14 +163,14 @@ TEST(MotionControl, FollowsAMachineThatChanges) {
   MotionControl control;
   machine.teach(control, points);
   for (int picture = 0; picture < 10; ++picture) static_cast<void>(machine.draw(control, points));
-  const Rung before = control.next(points);
+  const Recipe before = *control.next(points);
   machine.factor = 30;
   for (int picture = 0; picture < 10; ++picture) static_cast<void>(machine.draw(control, points));
-  const Rung slower = control.next(points);
+  const Recipe slower = *control.next(points);
   EXPECT_LT(machine.seconds(slower, points), machine.seconds(before, points));
   machine.factor = 1;
   for (int picture = 0; picture < 10; ++picture) static_cast<void>(machine.draw(control, points));
-  EXPECT_GT(control.next(points).splats, slower.splats);
+  EXPECT_GT(control.next(points)->most_splats(), slower.most_splats());
 }
 
 TEST(MotionControl, TakesCellsWhenTheyCome) {
@@ -187,8 +188,8 @@ TEST(MotionControl, TakesCellsWhenTheyCome) {
 TEST(MotionControl, CellsHaveNoMoreSegmentsThanTheyMay) {
   Choices choices = with_cells(1e6, 115e6);
   choices.most_segments = 60e6;
-  std::vector<Rung> rungs = MotionControl::rungs(choices);
-  EXPECT_EQ(rungs.back(), (Rung{0, 2}));
+  std::vector<Recipe> rungs = MotionControl::rungs(choices);
+  EXPECT_EQ(rungs.back(), (Recipe::of_cells(2)));
   choices.most_segments = 1e6;
   rungs = MotionControl::rungs(choices);
   EXPECT_FALSE(rungs.back().is_exact());
@@ -199,39 +200,39 @@ TEST(MotionControl, SplatsThatLackContoursGiveWayToCells) {
   const Machine machine{.splats_error = 0.1, .cells_error = 0.01};
   MotionControl control;
   machine.teach(control, choices);
-  EXPECT_FALSE(control.next(choices).is_exact());
+  EXPECT_FALSE(control.next(choices)->is_exact());
   control.rest();
   control.forget_errors();
   choices.added_error = 0.05;
-  EXPECT_TRUE(control.next(choices).is_exact());
+  EXPECT_TRUE(control.next(choices)->is_exact());
 }
 
 TEST(MotionControl, ExpectsWhatWasMeasuredNearby) {
   MotionControl control;
-  control.add({.rung = {1000, 4}, .model_error = 0.2}, points);
-  EXPECT_NEAR(control.expected_error({1000, 4}, points).error, 0.2, 1e-9);
-  EXPECT_NEAR(control.expected_error({4000, 4}, points).error, 0.2 * std::pow(4, -0.45), 1e-9);
-  control.add({.rung = {1000, 4}, .error = 0.01}, points);
-  EXPECT_NEAR(control.expected_error({1000, 4}, points).error, 0.01, 1e-9);
-  EXPECT_TRUE(control.expected_error({1400, 4}, points).is_measured);
-  EXPECT_FALSE(control.expected_error({4000, 4}, points).is_measured);
+  control.add({.recipe = Recipe::of_splats(1000, 4), .expected_error = 0.2}, points);
+  EXPECT_NEAR(control.expected_error(Recipe::of_splats(1000, 4), points).error, 0.2, 1e-9);
+  EXPECT_NEAR(control.expected_error(Recipe::of_splats(4000, 4), points).error, 0.2 * std::pow(4, -0.45), 1e-9);
+  control.add({.recipe = Recipe::of_splats(1000, 4), .error = 0.01}, points);
+  EXPECT_NEAR(control.expected_error(Recipe::of_splats(1000, 4), points).error, 0.01, 1e-9);
+  EXPECT_TRUE(control.expected_error(Recipe::of_splats(1400, 4), points).is_measured);
+  EXPECT_FALSE(control.expected_error(Recipe::of_splats(4000, 4), points).is_measured);
   control.doubt_errors();
-  EXPECT_GT(control.expected_error({1000, 4}, points).error, 0.01);
-  EXPECT_FALSE(control.expected_error({1000, 4}, points).is_measured);
+  EXPECT_GT(control.expected_error(Recipe::of_splats(1000, 4), points).error, 0.01);
+  EXPECT_FALSE(control.expected_error(Recipe::of_splats(1000, 4), points).is_measured);
   control.forget_errors();
-  EXPECT_FALSE(control.expected_error({1000, 4}, points).is_measured);
-  EXPECT_EQ(control.expected_error({0, 1}, points).error, 0);
+  EXPECT_FALSE(control.expected_error(Recipe::of_splats(1000, 4), points).is_measured);
+  EXPECT_EQ(control.expected_error(Recipe::of_cells(1), points).error, 0);
 }
 
 // Where nothing was seen, closer samples had no less error. Elsewhere they have.
 TEST(MotionControl, DoesNotTrustTheErrorsOfAnotherView) {
   const Choices near = with_cells(1e3, 1e4), far = with_cells(1e3, 1e5);
   MotionControl control;
-  for (const int spacing : {2, 4, 8, 16}) control.add({.rung = {0, spacing}, .error = 0}, near);
-  EXPECT_TRUE(control.expected_error({0, 8}, near).is_measured);
-  EXPECT_EQ(control.next(near), (Rung{0, 1})) << "all are quick";
-  EXPECT_FALSE(control.expected_error({0, 8}, far).is_measured);
-  EXPECT_GT(control.expected_error({0, 8}, far).error, 0.002);
+  for (const int spacing : {2, 4, 8, 16}) control.add({.recipe = Recipe::of_cells(spacing), .error = 0}, near);
+  EXPECT_TRUE(control.expected_error(Recipe::of_cells(8), near).is_measured);
+  EXPECT_EQ(control.next(near), (Recipe::of_cells(1))) << "all are quick";
+  EXPECT_FALSE(control.expected_error(Recipe::of_cells(8), far).is_measured);
+  EXPECT_GT(control.expected_error(Recipe::of_cells(8), far).error, 0.002);
 }
 
 // A narrow function has larger errors than most, in other views, too.
@@ -241,22 +242,22 @@ TEST(MotionControl, DoesNotTrustTheErrorsOfAnotherDirection) {
   const Machine machine{.cells_error = 1e-5};
   MotionControl control;
   machine.teach(control, choices);
-  const double measured = control.expected_error({0, 8}, choices).error;
+  const double measured = control.expected_error(Recipe::of_cells(8), choices).error;
   choices.direction = glm::normalize(dvec3(0.2, 0, 1));
-  EXPECT_TRUE(control.expected_error({0, 8}, choices).is_measured);
+  EXPECT_TRUE(control.expected_error(Recipe::of_cells(8), choices).is_measured);
   choices.direction = {1, 0, 0};
-  EXPECT_GT(control.expected_error({0, 8}, choices).error, 10 * measured);
-  EXPECT_FALSE(control.expected_error({0, 8}, choices).is_measured);
+  EXPECT_GT(control.expected_error(Recipe::of_cells(8), choices).error, 10 * measured);
+  EXPECT_FALSE(control.expected_error(Recipe::of_cells(8), choices).is_measured);
 }
 
 TEST(MotionControl, RemembersThatErrorsAreLarge) {
   const Choices near = with_cells(1e3, 1e4), far = with_cells(1e3, 1e5);
   MotionControl control;
-  control.add({.rung = {0, 4}, .error = 0.02}, near);
-  EXPECT_GE(control.expected_error({0, 4}, far).error, 0.02);
-  EXPECT_GT(control.expected_error({0, 2}, far).error, 0.005);
+  control.add({.recipe = Recipe::of_cells(4), .error = 0.02}, near);
+  EXPECT_GE(control.expected_error(Recipe::of_cells(4), far).error, 0.02);
+  EXPECT_GT(control.expected_error(Recipe::of_cells(2), far).error, 0.005);
   control.forget_errors();
-  EXPECT_LT(control.expected_error({0, 4}, far).error, 0.005);
+  EXPECT_LT(control.expected_error(Recipe::of_cells(4), far).error, 0.005);
 }
 
 TEST(MotionControl, AsksForErrorsWhereSplatsMayServe) {
@@ -267,9 +268,9 @@ TEST(MotionControl, AsksForErrorsWhereSplatsMayServe) {
   EXPECT_TRUE(control.unmeasured(few).empty()) << "cells are smooth";
   const Choices many = with_cells(2e7, 1e8);
   control.forget_errors();
-  const std::vector<Rung> asked = control.unmeasured(many);
+  const std::vector<Recipe> asked = control.unmeasured(many);
   ASSERT_FALSE(asked.empty());
-  for (const Rung& rung : asked) control.add({.rung = rung, .error = machine.error(rung)}, many);
+  for (const Recipe& rung : asked) control.add({.recipe = rung, .error = machine.error(rung)}, many);
   EXPECT_TRUE(control.unmeasured(many).empty());
 }
 

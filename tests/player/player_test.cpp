@@ -50,11 +50,11 @@ class PlayerOfALattice : public testing::Test {
   }
 
   /// All points.
-  static FrameRequest all() { return {.detail = {.tolerance_percent = 0}}; }
+  static Recipe all() { return {Detail{.tolerance_percent = 0}}; }
 
-  static Image drawn(Player& player, const FrameRequest& request = all()) {
-    const Status status = player.draw_frame(request);
-    EXPECT_TRUE(status) << status.error().message;
+  static Image drawn(Player& player, std::optional<double> wait_seconds = {}) {
+    const auto outcome = player.draw(all(), wait_seconds);
+    EXPECT_TRUE(outcome) << outcome.error().message;
     return player.image().value();
   }
 
@@ -77,11 +77,9 @@ class PlayerOfALattice : public testing::Test {
 TEST_F(PlayerOfALattice, FramesWhileItLoadsEndInTheCompleteOne) {
   const Image complete = drawn(*open());
   const auto player = open();
-  FrameRequest request = all();
-  request.wait_seconds = 0;
   Image last;
   do {
-    last = drawn(*player, request);
+    last = drawn(*player, 0);
     EXPECT_GT(player->frame()->splats, 0U) << "there is always a picture";
   } while (!player->frame()->progress.settled);
   EXPECT_TRUE(player->frame()->progress.complete);
@@ -153,7 +151,7 @@ TEST_F(PlayerOfALattice, SurfacesHoldForAllFramesOfTheirSize) {
   Scene scene = player->scene();
   scene.width = 100;
   ASSERT_TRUE(player->set_scene(scene));
-  const Status refused = player->draw_frame(all());
+  const auto refused = player->draw(all());
   ASSERT_FALSE(refused);
   EXPECT_THAT(refused.error().message, HasSubstr("120 x 90 pixels, but the picture has 100 x 90"));
   scene.width = 120;
@@ -305,10 +303,8 @@ TEST_F(PlayerOfALattice, ReachesAnErrorByComparingPictures) {
 
 TEST_F(PlayerOfALattice, DrawsWhatThereIsTimeFor) {
   const auto player = open();
-  for (const double no_time : {0.0, -1.0, std::numeric_limits<double>::infinity(), std::nan("")}) {
+  for (const double no_time : {0.0, -1.0, std::numeric_limits<double>::infinity(), std::nan("")})
     EXPECT_FALSE(player->draw_picture({.milliseconds = no_time})) << no_time;
-    EXPECT_FALSE(player->draw_at_pace(no_time)) << no_time;
-  }
   for (int i = 0; i < 30; ++i) ASSERT_TRUE(player->draw_picture({.milliseconds = 1e-3}));
   const std::uint64_t few = player->frame()->splats;
   EXPECT_LT(few, player->info().point_count() / 10);
@@ -331,11 +327,9 @@ TEST_F(PlayerOfALattice, TellsWhenDataHaveCome) {
   PlayerOptions options = on_processor();
   options.on_data = [&] { ++told; };
   const auto player = open(options);
-  FrameRequest request = all();
-  request.wait_seconds = 0;
-  static_cast<void>(drawn(*player, request));
+  static_cast<void>(drawn(*player, 0));
   while (told == 0) std::this_thread::yield();  // ends by the test's time limit if nothing comes
-  while (!player->frame()->progress.settled) static_cast<void>(drawn(*player, request));
+  while (!player->frame()->progress.settled) static_cast<void>(drawn(*player, 0));
   EXPECT_TRUE(player->frame()->progress.complete);
 }
 
@@ -348,12 +342,10 @@ TEST_F(PlayerOfALattice, ACallThatWaitsForAServerCanBeCancelled) {
   const auto player = Player::open(std::move(*steps), 0, open()->scene(), on_processor()).value();
   for (const std::optional<double> wait_seconds : {std::optional<double>(), std::optional<double>(1e6)}) {
     stalls = true;
-    FrameRequest request = all();
-    request.wait_seconds = wait_seconds;
-    auto frame = std::async(std::launch::async, [&] { return player->draw_frame(request); });
+    auto frame = std::async(std::launch::async, [&] { return player->draw(all(), wait_seconds); });
     while (waiting == 0) std::this_thread::yield();
     player->cancel();
-    const Status cancelled = frame.get();
+    const auto cancelled = frame.get();
     ASSERT_FALSE(cancelled);
     EXPECT_EQ(cancelled.error().code, ErrorCode::cancelled) << cancelled.error().message;
     EXPECT_EQ(player->frame(), nullptr);

@@ -3,59 +3,56 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 namespace splatvol {
 namespace {
 
-// Shows one pixel, of a given grey.
-struct OnePixel {
-  float grey = 0;
+Image one_pixel(double grey) {
+  const auto level = static_cast<float>(grey);
+  return {1, 1, {vec4(level, level, level, 1)}};
+}
 
-  Result<Image> operator()() const { return Image{1, 1, {vec4(grey, grey, grey, 1)}}; }
-};
-
-FrameSplats frame_of(std::uint64_t splats, const Detail& detail) {
-  FrameSplats frame;
-  frame.splats = splats;
-  frame.detail = detail;
-  return frame;
+// Draws the next picture, of splats.
+void draw(ProgressiveRefinement& refinement, std::uint64_t splats, const Image& picture = one_pixel(0)) {
+  refinement.add({.recipe = *refinement.next({}), .splats = splats, .picture = &picture}, {});
 }
 
 TEST(ProgressiveRefinement, HalvesATolerance) {
-  ProgressiveRefinement refinement({.tolerance_percent = 1.5});
-  const OnePixel pixel;
+  ProgressiveRefinement refinement({.splats = Quality{.tolerance_percent = 1.5}});
   std::vector<double> tolerances;
   while (!refinement.is_done()) {
     tolerances.push_back(refinement.detail().tolerance_percent);
     ASSERT_LT(tolerances.size(), 10U);
-    ASSERT_TRUE(refinement.add(frame_of(100, refinement.detail()), pixel));
+    draw(refinement, 100);
   }
   EXPECT_EQ(tolerances, (std::vector<double>{4, 2, 1.5}));
   EXPECT_FALSE(refinement.error());
 }
 
 TEST(ProgressiveRefinement, DrawsAllPointsAtOnce) {
-  ProgressiveRefinement refinement({.tolerance_percent = 0});
+  ProgressiveRefinement refinement({.splats = Quality{.tolerance_percent = 0}});
   EXPECT_EQ(refinement.detail().tolerance_percent, 0);
-  ASSERT_TRUE(refinement.add(frame_of(100, refinement.detail()), OnePixel()));
+  draw(refinement, 100);
   EXPECT_TRUE(refinement.is_done());
 }
 
 TEST(ProgressiveRefinement, DrawsSplatsAndResolutionsAtOnce) {
-  ProgressiveRefinement splats({.max_splats = 300});
+  ProgressiveRefinement splats({.splats = Quality{.max_splats = 300}});
   EXPECT_EQ(splats.detail().goal, (ErrorGoal{0, 300}));
-  ASSERT_TRUE(splats.add(frame_of(300, splats.detail()), OnePixel()));
+  draw(splats, 300);
   EXPECT_TRUE(splats.is_done());
   EXPECT_FALSE(splats.seeks_error());
 
-  ProgressiveRefinement resolution({.resolution = 2});
+  ProgressiveRefinement resolution({.splats = Quality{.resolution = 2}});
   EXPECT_EQ(resolution.detail().resolution, 2U);
-  ASSERT_TRUE(resolution.add(frame_of(300, resolution.detail()), OnePixel()));
+  draw(resolution, 300);
   EXPECT_TRUE(resolution.is_done());
 }
 
 TEST(ProgressiveRefinement, GrowsUntilPicturesDifferByLittle) {
-  ProgressiveRefinement refinement({.max_error = 0.01}, 1000);
-  OnePixel pixel;
+  ProgressiveRefinement refinement({.splats = Quality{.max_error = 0.01}, .first_splats = 1000});
+  double grey = 0;
   std::uint64_t before = 0;
   int pictures = 0;
   for (; !refinement.is_done(); ++pictures) {
@@ -63,30 +60,68 @@ TEST(ProgressiveRefinement, GrowsUntilPicturesDifferByLittle) {
     const std::uint64_t splats = refinement.detail().goal->max_splats;
     EXPECT_GT(splats, before);
     EXPECT_TRUE(pictures > 0 || splats == 1000);
-    pixel.grey = static_cast<float>(0.5 + 3 / std::sqrt(splats));
-    ASSERT_TRUE(refinement.add(frame_of(splats, refinement.detail()), pixel));
+    grey = 0.5 + 3 / std::sqrt(splats);
+    draw(refinement, splats, one_pixel(grey));
     before = splats;
   }
   EXPECT_GE(pictures, 3);
   EXPECT_TRUE(refinement.has_reached());
-  EXPECT_LE(pixel.grey, 0.5 + 0.0125);
+  EXPECT_LE(grey, 0.5 + 0.0125);
   EXPECT_NEAR(*refinement.error(), 3 / std::sqrt(before), 0.005);
 }
 
 TEST(ProgressiveRefinement, EndsWhereMemoryDoes) {
-  ProgressiveRefinement refinement({.max_error = 0.001}, 1000);
-  OnePixel pixel;
+  ProgressiveRefinement refinement({.splats = Quality{.max_error = 0.001}, .first_splats = 1000});
   int pictures = 0;
   for (; !refinement.is_done(); ++pictures) {
     ASSERT_LT(pictures, 20);
-    Detail allowed = refinement.detail();
-    allowed.goal->max_splats = std::min<std::uint64_t>(allowed.goal->max_splats, 5000);
-    pixel.grey = static_cast<float>(0.5 + 3 / std::sqrt(allowed.goal->max_splats));
-    ASSERT_TRUE(refinement.add(frame_of(allowed.goal->max_splats, allowed), pixel));
+    Recipe allowed = *refinement.next({});
+    std::uint64_t& splats = allowed.splats->goal->max_splats;
+    splats = std::min<std::uint64_t>(splats, 5000);
+    const Image picture = one_pixel(0.5 + 3 / std::sqrt(splats));
+    refinement.add({.recipe = allowed, .splats = splats, .picture = &picture}, {});
   }
   EXPECT_LE(pictures, 4);
   EXPECT_FALSE(refinement.has_reached());
   EXPECT_GT(*refinement.error(), 0.001);
+}
+
+// Returns the distances of samples in the pictures of cells.
+std::vector<int> spacings_of(ProgressiveRefinement& refinement, const Choices& choices) {
+  std::vector<int> spacings;
+  while (const auto recipe = refinement.next(choices)) {
+    EXPECT_TRUE(recipe->is_exact());
+    spacings.push_back(recipe->sample_spacing);
+    refinement.add({.recipe = *recipe}, choices);
+  }
+  refinement.skip_cells();
+  EXPECT_TRUE(refinement.is_done());
+  return spacings;
+}
+
+TEST(ProgressiveRefinement, CellsFollowSplatsUntilTheyAreTooMuchWork) {
+  Choices choices{.widest_spacing = 8, .cells = CellCounts{1000, 1e6}, .most_segments = 1e6};
+  const auto spacings = [&](const ProgressiveRefinement::Start& start) {
+    ProgressiveRefinement refinement(start);
+    if (start.splats) {
+      EXPECT_FALSE(refinement.next(choices)->is_exact());
+      EXPECT_EQ(refinement.needs().cells, Chooser::Cells::none);
+      refinement.add({.recipe = *refinement.next(choices), .splats = 10}, choices);
+    }
+    EXPECT_TRUE(refinement.has_all_splats());
+    EXPECT_EQ(refinement.needs().cells, Chooser::Cells::all);
+    return spacings_of(refinement, choices);
+  };
+  const Quality splats{.max_splats = 10};
+  EXPECT_EQ(spacings({.splats = splats, .first_spacing = 4}), (std::vector{4, 2, 1}));
+  EXPECT_EQ(spacings({.first_spacing = 16}), (std::vector{16, 4, 2, 1}));
+  EXPECT_EQ(spacings({.first_spacing = 2, .shown = Recipe::of_cells(4)}), (std::vector{2, 1}));
+  choices.cells->segments = 1e7;
+  EXPECT_EQ(spacings({.splats = splats, .first_spacing = 4}), std::vector{4});
+  choices.cells->segments = 5e7;
+  EXPECT_EQ(spacings({.splats = splats, .first_spacing = 4}), std::vector{8});
+  choices.cells->segments = 1e9;
+  EXPECT_EQ(spacings({.splats = splats, .first_spacing = 4}), std::vector<int>());
 }
 
 }  // namespace

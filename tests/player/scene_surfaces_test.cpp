@@ -4,9 +4,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "base/file.h"
 #include "format/boundary.h"
+#include "tests/builder/support/built_mesh.h"
 #include "tests/support/memory_source.h"
+#include "tests/support/results.h"
+#include "tests/support/temp_folder.h"
 #include "tests/support/test_volume.h"
 
 namespace splatvol {
@@ -16,8 +21,8 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-// Triangles apart from each other: drawn, each takes 3 points of 48 bytes and 12 bytes.
-constexpr std::uint64_t triangle_bytes = 3 * 48 + 12;
+// Triangles apart from each other: drawn, each takes 3 points of 56 bytes and 12 bytes.
+constexpr std::uint64_t triangle_bytes = 3 * 56 + 12;
 
 TriangleMesh triangles(std::uint32_t count) {
   TriangleMesh mesh;
@@ -31,7 +36,7 @@ TriangleMesh triangles(std::uint32_t count) {
 class SceneSurfaces : public testing::Test {
  protected:
   SceneSurfaces() {
-    test::TestVolume volume = test::make_test_volume(test::random_points(50, 3), {std::vector<double>(50, 1.0)});
+    test::TestVolume volume = test::make_test_volume(test::random_points(50, 3u), {std::vector<double>(50, 1.0)});
     const std::vector<Patch> patches = {{"inlet", triangles(30)}, {"wall", triangles(100)}, {"outlet", triangles(20)}};
     auto packed = format::pack_boundary(patches, 0);
     volume.info.boundary = packed->info;
@@ -67,6 +72,39 @@ TEST_F(SceneSurfaces, TheLargestPatchesAreLeftOut) {
   ASSERT_TRUE(error);
   EXPECT_EQ(error->code, ErrorCode::out_of_budget);
   EXPECT_THAT(error->message, HasSubstr("a.svol: the boundary is drawn without 2 of its patches, wall, inlet"));
+}
+
+TEST_F(SceneSurfaces, HaveTheValuesOfTheCells) {
+  const test::TempFolder folder;
+  const auto field = [](dvec3 p) { return 3 + p.x - 2 * p.y + 0.5 * p.z; };
+  test::build_mesh(test::lattice(6), field, folder.path("m.svol"),
+                   {.exact = {.positions = true, .values = true}, .keep_cells = true});
+  test::build_mesh(test::lattice(6), field, folder.path("plain.svol"), {.keep_cells = false});
+  const auto open = [&](const char* name) {
+    return test::value_of(format::Volume::open(test::value_of(open_file(folder.path(name)))));
+  };
+  auto mesh = std::make_shared<TriangleMesh>();
+  mesh->points = {{0, 0, 0}, {1, 0.3, 0.7}, {0.25, 1, 1}, {7, 7, 7}};
+  mesh->triangles = {{0, 1, 2}, {1, 2, 3}};
+  std::vector<Surface> surfaces = {{{.boundary = "wall", .color_by = SceneColoring{"value", {}}}, mesh},
+                                   {{.boundary = "wall"}, mesh},
+                                   {{.shown = false, .color_by = SceneColoring{"value", {}}}, mesh}};
+  const auto volume = open("m.svol");
+  ASSERT_EQ(test::message_of(add_values(surfaces, *volume, {})), "");
+  ASSERT_TRUE(surfaces[0].values);
+  for (int i = 0; i < 3; ++i)
+    EXPECT_NEAR(surfaces[0].values->values[static_cast<std::size_t>(i)],
+                field(mesh->points[static_cast<std::size_t>(i)]), 1e-6);
+  EXPECT_TRUE(std::isnan(surfaces[0].values->values[3])) << "no cell is there";
+  EXPECT_FALSE(surfaces[1].values);
+  EXPECT_FALSE(surfaces[2].values);
+  const auto before = surfaces;
+  ASSERT_EQ(test::message_of(add_values(surfaces, *volume, before)), "");
+  EXPECT_EQ(surfaces[0].values, before[0].values) << "nothing is read twice";
+  EXPECT_THAT(test::message_of(add_values(surfaces, *open("plain.svol"), {})),
+              HasSubstr("plain.svol: it keeps no cells"));
+  surfaces[0].style.color_by->attribute = "other";
+  EXPECT_THAT(test::message_of(add_values(surfaces, *volume, {})), HasSubstr("no attribute \"other\""));
 }
 
 TEST_F(SceneSurfaces, AllOfASceneShareTheRoom) {

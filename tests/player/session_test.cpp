@@ -6,16 +6,13 @@
 #include <cmath>
 #include <vector>
 
-#include "builder/series/series_build.h"
 #include "player/steering.h"
-#include "tests/builder/support/built_mesh.h"
-#include "tests/support/results.h"
-#include "tests/support/temp_folder.h"
+#include "tests/player/session_fixture.h"
 
 namespace splatvol {
 namespace {
 
-constexpr int width = 80, height = 60;
+constexpr double frame_seconds = 0.016;
 
 // Each look at the clock takes some time.
 class FakeHost final : public InlineHost {
@@ -28,16 +25,11 @@ class FakeHost final : public InlineHost {
   mutable int looks_ = 0;
 };
 
-SeriesStep step_at(int step) {
-  return test::mesh_step(0.5 * step, test::lattice(8), [step](dvec3 p) { return std::sin(5 * p.x + step) + p.y; });
-}
+double waves(dvec3 p) { return std::sin(5 * p.x) + p.y; }
 
-class RecordedSession : public test::FolderTest {
+class RecordedSession : public test::SessionFixture {
  protected:
-  // A file of three steps.
-  void SetUp() override {
-    ASSERT_TRUE(build_series({step_at(0), step_at(1), step_at(2)}, path("s.svol"), {}, [](const char*, double) {}));
-  }
+  RecordedSession() : SessionFixture(80, 60) { test::write_series(path("s.svol")); }
 
   struct Played {
     std::vector<Image> pictures = {};     // of each frame of the recording
@@ -50,20 +42,18 @@ class RecordedSession : public test::FolderTest {
   [[nodiscard]] Played play(const std::string& recording, const std::optional<Scene>& scene = {},
                             double seconds_of_a_look = 0.001) const {
     std::ofstream(path("r.jsonl")) << recording;
-    ViewSettings settings;
-    settings.device = Device::cpu;
-    settings.in_current_context = false;
-    FakeHost host(seconds_of_a_look);
-    const auto session = test::value_of(Session::open(path("s.svol"), "", settings, host));
+    FakeHost clock(seconds_of_a_look);
+    const auto session = open(path("s.svol"), clock);
     Steering steering;
     if (scene) session->scene = *scene;
     Played played{.steps = {session->step()}};
     const auto frame = [&](const FrameInput& input) {
       steering.begin_frame(input.seconds);
-      for (const Event& event : input.events) steering.handle(event, session.get(), {0, {width, height}, 1}, {});
+      for (const Event& event : input.events)
+        steering.handle(event, session.get(), {0, {1.0 * width, 1.0 * height}, 1}, {});
       steering.move(input.seconds, session.get(), {});
       EXPECT_EQ(test::message_of(session->play(input.seconds)), "");
-      EXPECT_EQ(test::message_of(session->draw(width, height, input.seconds)), "");
+      draw(*session, input.seconds);
       steering.remember(*session, {});
       if (session->step() != played.steps.back()) played.steps.push_back(session->step());
     };
@@ -179,38 +169,33 @@ class SlowingHost final : public InlineHost {
 
 // A slower machine shows fewer pictures, and none with a larger error than wanted, as long as there is time for it.
 TEST_F(RecordedSession, ASlowerMachineKeepsTheError) {
-  test::build_mesh(test::lattice(32), [](dvec3 p) { return std::sin(5 * p.x) + p.y; }, path("m.svol"),
-                   {.keep_cells = true});
-  ViewSettings settings;
-  settings.device = Device::cpu;
-  settings.in_current_context = false;
-  SlowingHost host;
-  const auto session = test::value_of(Session::open(path("m.svol"), "", settings, host));
-  host.session = session.get();
-  do EXPECT_EQ(test::message_of(session->draw(width, height, 1)), "");
-  while (!session->is_settled());
+  test::build_mesh(test::lattice(32), waves, path("m.svol"), {.keep_cells = true});
+  SlowingHost clock;
+  const auto session = open(path("m.svol"), clock);
+  clock.session = session.get();
+  settled(*session);
   // Returns how often the rung changes.
   const auto move = [&](int frames) {
     int changes = 0;
     for (int frame = 0; frame < frames; ++frame) {
-      const Rung before = session->shown_recipe().rung;
+      const Recipe before = session->shown_recipe().recipe;
       session->scene.camera.position += dvec3(0.001);
-      EXPECT_EQ(test::message_of(session->draw(width, height, 0.016)), "");
+      draw(*session, frame_seconds);
       EXPECT_TRUE(session->shown_recipe().moves);
-      changes += session->shown_recipe().rung == before ? 0 : 1;
+      changes += session->shown_recipe().recipe == before ? 0 : 1;
     }
     return changes;
   };
   static_cast<void>(move(10));
   EXPECT_TRUE(session->exact());
-  EXPECT_EQ(session->shown_recipe().rung.sample_spacing, 1);
+  EXPECT_EQ(session->shown_recipe().recipe.sample_spacing, 1);
 
-  host.slower = 4;
+  clock.slower = 4;
   EXPECT_LE(move(20), 2);
   EXPECT_LE(session->shown_recipe().error, settings.moving.max_error);
   EXPECT_LE(session->draw_seconds(), 1.5 * settings.moving.seconds);
 
-  host.slower = 100;
+  clock.slower = 100;
   static_cast<void>(move(20));
   EXPECT_FALSE(session->exact());
   EXPECT_LE(session->draw_seconds(), 3 * settings.moving.seconds);
@@ -251,36 +236,27 @@ class HoldingHost final : public InlineHost {
   std::vector<std::shared_ptr<Held>> held_;
 };
 
-class MovingSession : public test::FolderTest {
+class MovingSession : public test::SessionFixture {
  protected:
+  MovingSession() : SessionFixture(80, 60) {}
+
   [[nodiscard]] std::unique_ptr<Session> open(bool keeps_cells = true) {
-    test::build_mesh(test::lattice(12), [](dvec3 p) { return std::sin(5 * p.x) + p.y; }, path("m.svol"),
-                     {.keep_cells = keeps_cells});
-    ViewSettings settings;
-    settings.device = Device::cpu;
-    settings.in_current_context = false;
+    test::build_mesh(test::lattice(12), waves, path("m.svol"), {.keep_cells = keeps_cells});
     settings.on_picture = [this](const CompletePicture& picture) {
       shown.push_back({picture.scene.camera, picture.recipe});
       light = 0;
       for (const vec4& pixel : picture.image.pixels) light += pixel.r + pixel.g + pixel.b;
     };
-    auto session = test::value_of(Session::open(path("m.svol"), "", settings, host));
-    rest(*session);
+    auto session = SessionFixture::open(path("m.svol"), holding);
+    settled(*session);
     return session;
-  }
-  static void draw(Session& session, double seconds = 0.016) {
-    EXPECT_EQ(test::message_of(session.draw(width, height, seconds)), "");
-  }
-  static void rest(Session& session) {
-    do draw(session, 1);
-    while (!session.is_settled());
   }
 
   struct Shown {
     Camera camera;
     ShownRecipe recipe;
   };
-  HoldingHost host;
+  HoldingHost holding;
   std::vector<Shown> shown;
   double light = 0;  // of the last picture
 };
@@ -290,12 +266,12 @@ TEST_F(MovingSession, ShowsEachPictureThatItBegan) {
   const auto session = open();
   const dvec3 at_rest = session->view().eye;
   shown.clear();
-  host.holds = true;
+  holding.holds = true;
   std::vector<Camera> cameras;
   const auto turn = [&] {
     session->scene.camera.position += dvec3(0.05, 0, 0);
     cameras.push_back(session->scene.camera);
-    draw(*session);
+    draw(*session, frame_seconds);
   };
   turn();
   EXPECT_TRUE(session->is_drawing());
@@ -303,19 +279,19 @@ TEST_F(MovingSession, ShowsEachPictureThatItBegan) {
   turn();
   EXPECT_TRUE(shown.empty());
   EXPECT_EQ(session->view().eye, at_rest);
-  host.end_all();
-  draw(*session);
+  holding.end_all();
+  draw(*session, frame_seconds);
   ASSERT_EQ(shown.size(), 1U);
   EXPECT_EQ(shown[0].camera, cameras[0]);
   EXPECT_EQ(session->view().eye, cameras[0].position);
   EXPECT_TRUE(session->is_drawing()) << "the newest";
-  host.end_all();
-  draw(*session);
+  holding.end_all();
+  draw(*session, frame_seconds);
   ASSERT_EQ(shown.size(), 2U);
   EXPECT_EQ(shown[1].camera, cameras[2]);
   EXPECT_EQ(session->view().eye, cameras[2].position);
   for (const Shown& picture : shown) EXPECT_TRUE(picture.recipe.moves);
-  host.end_all();
+  holding.end_all();
 }
 
 // Pictures only become finer when the hand rests.
@@ -323,16 +299,16 @@ TEST_F(MovingSession, RestsWithoutAWorsePicture) {
   const auto session = open();
   for (int turns = 0; turns < 3; ++turns) {
     session->scene.camera.position += dvec3(0.1, 0, 0);
-    draw(*session);
+    draw(*session, frame_seconds);
     shown.erase(shown.begin(), shown.end() - 1);
     ASSERT_TRUE(shown[0].recipe.moves);
-    ASSERT_TRUE(shown[0].recipe.rung.is_exact());
-    rest(*session);
+    ASSERT_TRUE(shown[0].recipe.recipe.is_exact());
+    settled(*session);
     for (std::size_t i = 1; i < shown.size(); ++i) {
-      EXPECT_TRUE(shown[i].recipe.rung.is_exact()) << "no splats between";
-      EXPECT_LT(shown[i].recipe.rung.sample_spacing, shown[i - 1].recipe.rung.sample_spacing);
+      EXPECT_TRUE(shown[i].recipe.recipe.is_exact()) << "no splats between";
+      EXPECT_LT(shown[i].recipe.recipe.sample_spacing, shown[i - 1].recipe.recipe.sample_spacing);
     }
-    EXPECT_EQ(shown.back().recipe.rung, (Rung{0, 1}));
+    EXPECT_EQ(shown.back().recipe.recipe, (Recipe::of_cells(1)));
   }
 }
 
@@ -340,13 +316,13 @@ TEST_F(MovingSession, LeavesOutNoContours) {
   for (const bool keeps_cells : {true, false}) {
     const auto session = open(keeps_cells);
     session->scene.transfer_function.densities = {{0, 0}};
-    rest(*session);
+    settled(*session);
     session->scene.contours = {{.values = {0.5}, .color = dvec3(1)}};
     session->scene.camera.position += dvec3(0.1, 0, 0);
     light = 0;
-    draw(*session);
+    draw(*session, frame_seconds);
     EXPECT_TRUE(shown.back().recipe.moves);
-    EXPECT_EQ(shown.back().recipe.rung.is_exact(), keeps_cells);
+    EXPECT_EQ(shown.back().recipe.recipe.is_exact(), keeps_cells);
     EXPECT_GT(light, 100) << keeps_cells;
     EXPECT_EQ(session->scene.contours.size(), 1U);
   }
@@ -356,41 +332,36 @@ TEST_F(MovingSession, LeavesOutNoContours) {
 TEST_F(MovingSession, LearnsErrorsAtRest) {
   const auto session = open();
   session->settings.drawing.sample_spacing = 4;
-  rest(*session);
+  settled(*session);
   session->settings.drawing.sample_spacing.reset();
-  rest(*session);
+  settled(*session);
   session->settings.moving.max_error = 1;
   for (int turns = 0; turns < 3; ++turns) {
     session->scene.camera.position += dvec3(0.001, 0, 0);
-    draw(*session);
+    draw(*session, frame_seconds);
     EXPECT_TRUE(shown.back().recipe.is_measured);
   }
 }
 
 TEST_F(RecordedSession, StepsThatPlayHaveTheirCells) {
-  ASSERT_TRUE(build_series({step_at(0), step_at(1), step_at(2)}, path("cells.svol"), {.keep_cells = true},
-                           [](const char*, double) {}));
-  ViewSettings settings;
-  settings.device = Device::cpu;
-  settings.in_current_context = false;
-  std::vector<std::pair<std::size_t, Rung>> shown;
-  settings.on_picture = [&](const CompletePicture& picture) { shown.emplace_back(picture.step, picture.recipe.rung); };
-  InlineHost host;
-  const auto session = test::value_of(Session::open(path("cells.svol"), "", settings, host));
-  const auto frame = [&](double seconds) {
-    EXPECT_EQ(test::message_of(session->play(seconds)), "");
-    EXPECT_EQ(test::message_of(session->draw(width, height, seconds)), "");
+  test::write_series(path("cells.svol"), {.keep_cells = true});
+  std::vector<std::pair<std::size_t, Recipe>> shown;
+  settings.on_picture = [&](const CompletePicture& picture) {
+    shown.emplace_back(picture.step, picture.recipe.recipe);
   };
-  do frame(1);
-  while (!session->is_settled());
+  InlineHost at_once;
+  const auto session = open(path("cells.svol"), at_once);
+  settled(*session);
   session->choose_step(0);
-  do frame(1);
-  while (!session->is_settled());
+  settled(*session);
   shown.clear();
   session->toggle_playing();
-  while (session->is_playing()) frame(0.05);  // ends by the test's time limit
+  while (session->is_playing()) {  // ends by the test's time limit
+    EXPECT_EQ(test::message_of(session->play(0.05)), "");
+    draw(*session, 0.05);
+  }
   for (const std::size_t step : {1U, 2U}) {
-    const auto first = std::ranges::find(shown, step, &std::pair<std::size_t, Rung>::first);
+    const auto first = std::ranges::find(shown, step, &std::pair<std::size_t, Recipe>::first);
     ASSERT_NE(first, shown.end()) << step;
     EXPECT_TRUE(first->second.is_exact()) << step;
   }

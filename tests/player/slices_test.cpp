@@ -61,7 +61,7 @@ class Slices : public test::FolderTest {
   static Image draw(Player& player, const Scene& scene, const Detail& detail = {.tolerance_percent = 0}) {
     const Status set = player.set_scene(scene);
     EXPECT_TRUE(set) << set.error().message;
-    const Status drawn = player.draw_frame({.detail = detail});
+    const auto drawn = player.draw({detail});
     EXPECT_TRUE(drawn) << drawn.error().message;
     return player.image().value();
   }
@@ -172,9 +172,8 @@ TEST_F(Slices, TheyFollowTheSplats) {
 
   // A frame sharpens until it has the splats of all that is near.
   std::uint64_t before = 0;
-  FrameRequest request{.detail = {.tolerance_percent = 0}, .wait_seconds = 0};
   for (;;) {
-    ASSERT_TRUE(player->draw_frame(request));
+    ASSERT_TRUE(player->draw({Detail{.tolerance_percent = 0}}, 0));
     EXPECT_GE(player->frame()->sliced.splats, before);
     before = player->frame()->sliced.splats;
     if (player->frame()->progress.settled) break;
@@ -227,12 +226,11 @@ TEST_F(Slices, SharpenUntilTheyAreExactEnough) {
   Scene scene = with_slice(*player);
   scene.transfer_function.densities = {{0, 0}, {1, 0}};
   ASSERT_TRUE(player->set_scene(scene));
-  ProgressiveRefinement refinement({.max_error = 0.002}, 1024);
+  ProgressiveRefinement refinement({.splats = Quality{.max_error = 0.002}, .first_splats = 1024});
   std::vector<double> errors;
   while (!refinement.is_done()) {
-    ASSERT_TRUE(player->draw_frame({.detail = refinement.detail()}));
+    ASSERT_TRUE(player->draw_next(refinement));
     errors.push_back(error_of(*player));
-    ASSERT_TRUE(refinement.add(*player->frame(), [&] { return player->image(); }));
     ASSERT_LT(errors.size(), 20U);
   }
   EXPECT_GE(errors.size(), 3U);

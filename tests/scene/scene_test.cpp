@@ -268,15 +268,18 @@ TEST(ParseScene, NamesTheWrongPartOfAPlane) {
 }
 
 TEST(ParseScene, SurfacesAreReadAndWrittenBack) {
+  const json coloring = {{"attribute", "T"}, {"domain", {0, 4}}, {"colors", {{0, 0, 0, 1}, {1, 1, 0, 0}}}};
+  SceneColoring by_temperature{"T", {.colors = {{0, dvec3(0, 0, 1)}, {1, dvec3(1, 0, 0)}}, .densities = {{0, 1}}}};
+  by_temperature.function.lo = 0, by_temperature.function.hi = 4;
   const auto scene = value_of(parse_scene(
       changed("/surfaces",
               {{{"file", "a.stl"}},
                {{"file", "/b/c.obj"}, {"color", {1, 0.5, 0}}, {"opacity", 0.25}, {"shown", false}, {"edges", true}},
-               {{"boundary", "wing*"}, {"opacity", 0.5}}})));
+               {{"boundary", "wing*"}, {"opacity", 0.5}, {"color_by", coloring}}})));
   const std::vector<SceneSurface> expected{
       {.file = "a.stl"},
       {.file = "/b/c.obj", .color = {1, 0.5, 0}, .opacity = 0.25, .shown = false, .edges = true},
-      {.opacity = 0.5, .boundary = "wing*"}};
+      {.opacity = 0.5, .boundary = "wing*", .color_by = by_temperature}};
   EXPECT_EQ(scene.surfaces, expected);
   EXPECT_EQ(parse_scene(scene_to_json(scene))->surfaces, expected);
   EXPECT_TRUE(parse_scene(valid_scene().dump())->surfaces.empty());

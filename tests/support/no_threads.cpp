@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cerrno>
 #include <cstdlib>
+#include <new>
 
 namespace {
 
@@ -41,5 +42,6 @@ extern "C" int pthread_create(pthread_t* thread, const pthread_attr_t* attribute
     ++left();
     return EAGAIN;
   }
-  return create(thread, attributes, run_counted, new Work{run, argument});
+  Work* const work = new (std::nothrow) Work{run, argument};
+  return work ? create(thread, attributes, run_counted, work) : EAGAIN;
 }

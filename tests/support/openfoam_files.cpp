@@ -69,40 +69,43 @@ class Writer {
   const FoamLayout& layout_;
 };
 
-/// The files of the cells [begin, end). `processor`: which of layout.processors has them.
-std::map<std::string, std::string> part_files(const FoamLayout& layout, std::size_t begin, std::size_t end,
-                                              std::size_t processor) {
-  const Writer writer(layout);
-  const auto count = static_cast<std::int64_t>(end - begin);
+/// A row of cubes, [0, cells), whose first point has x = `first`.
+struct CubeRow {
   std::vector<double> points;
-  for (std::size_t i = begin; i <= end; ++i)
-    for (const auto& [y, z] : {std::pair(0, 0), {1, 0}, {1, 1}, {0, 1}}) {
-      points.push_back(static_cast<double>(i));
-      points.insert(points.end(), {static_cast<double>(y), static_cast<double>(z)});
-    }
   std::vector<std::vector<std::int64_t>> faces;
   std::vector<std::int64_t> owner, neighbour;
-  for (std::int64_t i = 1; i < count; ++i) {
-    faces.push_back({4 * i, 4 * i + 1, 4 * i + 2, 4 * i + 3});
-    owner.push_back(i - 1);
-    neighbour.push_back(i);
-  }
-  faces.push_back({0, 3, 2, 1});
-  owner.push_back(0);
-  faces.push_back({4 * count, 4 * count + 1, 4 * count + 2, 4 * count + 3});
-  owner.push_back(count - 1);
-  for (std::int64_t i = 0; i < count; ++i) {
-    const std::int64_t a = 4 * i, b = a + 4;
-    for (const std::vector<std::int64_t>& face : {std::vector{a, b, b + 3, a + 3},
-                                                  {a + 1, a + 2, b + 2, b + 1},
-                                                  {a, a + 1, b + 1, b},
-                                                  {a + 3, b + 3, b + 2, a + 2}}) {
-      faces.push_back(face);
-      owner.push_back(i);
+
+  CubeRow(std::size_t first, std::int64_t cells) {
+    for (std::int64_t i = 0; i <= cells; ++i)
+      for (const auto& [y, z] : {std::pair(0, 0), {1, 0}, {1, 1}, {0, 1}}) {
+        points.push_back(static_cast<double>(first) + static_cast<double>(i));
+        points.insert(points.end(), {static_cast<double>(y), static_cast<double>(z)});
+      }
+    for (std::int64_t i = 1; i < cells; ++i) {
+      add({4 * i, 4 * i + 1, 4 * i + 2, 4 * i + 3}, i - 1);
+      neighbour.push_back(i);
+    }
+    add({0, 3, 2, 1}, 0);
+    add({4 * cells, 4 * cells + 1, 4 * cells + 2, 4 * cells + 3}, cells - 1);
+    for (std::int64_t i = 0; i < cells; ++i) {
+      const std::int64_t a = 4 * i, b = a + 4;
+      add({a, b, b + 3, a + 3}, i);
+      add({a + 1, a + 2, b + 2, b + 1}, i);
+      add({a, a + 1, b + 1, b}, i);
+      add({a + 3, b + 3, b + 2, a + 2}, i);
     }
   }
 
-  std::string patches = writer.header("polyBoundaryMesh") + "3\n(\n";
+ private:
+  void add(std::vector<std::int64_t> face, std::int64_t cell) {
+    faces.push_back(std::move(face));
+    owner.push_back(cell);
+  }
+};
+
+/// The patches of a row of cubes. `processor`: which of `processors` has the row.
+std::string patches_of(std::int64_t cells, std::size_t processor, std::size_t processors) {
+  std::string patches = "3\n(\n";
   const auto add_patch = [&](const std::string& name, std::int64_t first, std::int64_t faces_of_it, int other) {
     patches += other < 0 ? fmt::format("  {}\n  {{\n    type wall;\n    inGroups List<word> 1(wall);\n", name)
                          : fmt::format(
@@ -111,13 +114,20 @@ std::map<std::string, std::string> part_files(const FoamLayout& layout, std::siz
                                processor, other, processor, other);
     patches += fmt::format("    nFaces {};\n    startFace {};\n  }}\n", faces_of_it, first);
   };
-  const std::int64_t inner = count - 1;
+  const std::int64_t inner = cells - 1;
   const int before = static_cast<int>(processor) - 1, after = static_cast<int>(processor) + 1;
   add_patch("left", inner, 1, processor > 0 ? before : -1);
-  add_patch("right", inner + 1, 1, processor + 1 < layout.processors ? after : -1);
-  add_patch("sides", inner + 2, 4 * count, -1);
-  patches += ")\n";
+  add_patch("right", inner + 1, 1, processor + 1 < processors ? after : -1);
+  add_patch("sides", inner + 2, 4 * cells, -1);
+  return patches + ")\n";
+}
 
+/// The files of the cells [begin, end). `processor`: which of layout.processors has them.
+std::map<std::string, std::string> part_files(const FoamLayout& layout, std::size_t begin, std::size_t end,
+                                              std::size_t processor) {
+  const Writer writer(layout);
+  const auto cells = static_cast<std::int64_t>(end - begin);
+  const CubeRow row(begin, cells);
   std::vector<double> p, u, s, h;
   for (std::size_t cell = begin; cell < end; ++cell) {
     p.push_back(foam_value(cell));
@@ -135,11 +145,11 @@ std::map<std::string, std::string> part_files(const FoamLayout& layout, std::siz
   };
   const std::string region = layout.region.empty() ? "" : layout.region + "/";
   const std::string mesh = "constant/" + region + "polyMesh/", step = "0.5/" + region;
-  return {{mesh + "points", writer.header("vectorField") + writer.numbers(points, 3)},
-          {mesh + "faces", writer.faces(faces)},
-          {mesh + "owner", writer.header("labelList") + writer.labels(owner)},
-          {mesh + "neighbour", writer.header("labelList") + writer.labels(neighbour)},
-          {mesh + "boundary", patches},
+  return {{mesh + "points", writer.header("vectorField") + writer.numbers(row.points, 3)},
+          {mesh + "faces", writer.faces(row.faces)},
+          {mesh + "owner", writer.header("labelList") + writer.labels(row.owner)},
+          {mesh + "neighbour", writer.header("labelList") + writer.labels(row.neighbour)},
+          {mesh + "boundary", writer.header("polyBoundaryMesh") + patches_of(cells, processor, layout.processors)},
           {step + "p", field("ScalarField", "vol", "scalar", "[1 -1 -2 0 0 0 0]", p, 1)},
           {step + "U", field("VectorField", "vol", "vector", "[velocity]", u, 3)},
           {step + "S", field("SymmTensorField", "vol", "symmTensor", "[]", s, 6)},

@@ -1,8 +1,13 @@
 // Reads of a source against the text that it has.
 #pragma once
 
+#include <gtest/gtest.h>
+
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <initializer_list>
+#include <limits>
 #include <random>
 #include <span>
 #include <string>
@@ -22,6 +27,25 @@ inline std::string random_text(std::size_t bytes, std::uint32_t seed) {
 
 inline Status read_at(ByteSource& source, std::uint64_t offset, std::string& out) {
   return source.read(offset, std::as_writable_bytes(std::span(out)));
+}
+
+/// Expects of each range of up to 3 bytes near some offsets that it is read if it is in the file, and else refused.
+inline void expect_ranges_near(std::initializer_list<std::size_t> offsets, ByteSource& source,
+                               const std::string& text) {
+  for (const std::size_t near : offsets)
+    for (std::size_t offset = near - 2; offset <= near + 2; ++offset)
+      for (std::size_t count = 0; count <= 3; ++count) {
+        std::string out(count, '?');
+        const Status status = read_at(source, offset, out);
+        EXPECT_EQ(status.has_value(), offset + count <= text.size()) << offset << '+' << count;
+        if (status)
+          EXPECT_EQ(out, text.substr(offset, count));
+        else
+          EXPECT_EQ(status.error().code, ErrorCode::invalid_data);
+      }
+  std::array<std::byte, 8> out{};
+  constexpr auto largest = std::numeric_limits<std::uint64_t>::max();
+  for (const std::uint64_t offset : {largest, largest - 7, largest - 8}) EXPECT_FALSE(source.read(offset, out));
 }
 
 /// Reads random ranges on some threads. Returns what was wrong in each; empty: nothing.

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "format/volume_info.h"
+#include "tests/support/require.h"
 #include "tests/support/volume_bytes.h"
 
 namespace splatvol::test {
@@ -697,6 +698,13 @@ class Dissected::Assembler {
 
 Bytes Dissected::assemble(const Surgeon& surgeon, Packing packing) const {
   return Assembler(*this, surgeon, packing).assemble(*this);
+}
+
+Bytes Dissected::harmed(Part part, std::size_t index, const std::function<void(Bytes&)>& harm) const {
+  require(index < count(part), "the file has no such part");
+  return assemble([&](Part p, std::size_t i, Bytes& bytes) {
+    if (p == part && i == index) harm(bytes);
+  });
 }
 
 }  // namespace splatvol::test

@@ -68,6 +68,10 @@ class Dissected {
   /// Makes a file whose hashes are all correct, whatever the surgeon did.
   [[nodiscard]] format::Bytes assemble(const Surgeon& surgeon, Packing packing = Packing::zstd) const;
 
+  /// The same, where only one part is changed, which must be there.
+  [[nodiscard]] format::Bytes harmed(Part part, std::size_t index,
+                                     const std::function<void(format::Bytes&)>& harm) const;
+
   /// Returns the number of parts of a kind.
   [[nodiscard]] std::size_t count(Part part) const { return counts_[static_cast<std::size_t>(part)]; }
 

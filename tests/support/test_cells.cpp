@@ -159,6 +159,15 @@ class SectionOfCells {
 
 }  // namespace
 
+PackedCells repacked(PackedCells cells, const Bytes& payload, std::uint32_t count) {
+  cells.bytes = pack(payload);
+  cells.entry.hash = hash_bytes(cells.bytes);
+  cells.entry.packed_bytes = static_cast<std::uint32_t>(cells.bytes.size());
+  cells.entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
+  cells.entry.cells = count;
+  return cells;
+}
+
 std::vector<std::uint64_t> ranks_of(const TestVolume& volume) {
   std::vector<std::size_t> order(volume.point_paths.size());
   std::iota(order.begin(), order.end(), std::size_t{0});

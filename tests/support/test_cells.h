@@ -25,6 +25,10 @@ struct TestCells {
   std::uint64_t turned = 0;      // as the section states
 };
 
+/// Returns a chunk with another payload, and a count of cells to go with it. Its hash is right.
+[[nodiscard]] format::PackedCells repacked(format::PackedCells cells, const format::Bytes& payload,
+                                           std::uint32_t count);
+
 /// Returns the rank of each point: [point], file order.
 [[nodiscard]] std::vector<std::uint64_t> ranks_of(const TestVolume& volume);
 

@@ -1,6 +1,7 @@
 // Files in memory, as bytes.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -9,6 +10,7 @@
 #include "base/file.h"
 #include "format/volume.h"
 #include "tests/support/memory_source.h"
+#include "tests/support/replaced.h"
 
 namespace splatvol::test {
 
@@ -19,6 +21,11 @@ inline format::Bytes bytes_of(const std::string& text) {
 
 inline std::string text_of(const format::Bytes& bytes) {
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+/// Returns a change of bytes that are a text: `to` comes instead of the first `from`.
+inline std::function<void(format::Bytes&)> replacing(const std::string& from, const std::string& to) {
+  return [=](format::Bytes& bytes) { bytes = bytes_of(replaced(text_of(bytes), from, to)); };
 }
 
 /// Opens a file, at all of its steps, and checks all of it. Returns the message of the first error, or an empty text.

@@ -274,7 +274,7 @@ TEST_F(Programs, InfinityAndNanAreNoNumbersOfOptions) {
   const std::vector<std::pair<std::string, std::vector<std::string>>> options = {
       {"svrender a.svol -o a.png",
        {"--milliseconds", "--max-error", "--tolerance", "--splats", "--time", "--fps", "--ticks", "--resolution",
-        "--isovalue", "--sampling", "--memory", "--gpu-memory", "--repeat", "--turntable", "--step"}},
+        "--contour", "--sampling", "--memory", "--gpu-memory", "--repeat", "--turntable", "--step"}},
       {"svview a.svol --screenshot a.png",
        {"--max-error", "--tolerance", "--fps", "--memory", "--gpu-memory", "--step"}},
       {"svexport a.svol -o a.vdb", {"--voxel", "--time", "--resolution", "--memory", "--step"}},

@@ -154,9 +154,9 @@ struct Input {
   const char* name;
   const char* arguments;  // with {points} and {cells} for their numbers
   enum class Files { none, points, mesh } files = Files::none;
-};
 
-void PrintTo(const Input& input, std::ostream* out) { *out << input.name; }
+  [[maybe_unused]] friend void PrintTo(const Input& input, std::ostream* out) { *out << input.name; }
+};
 
 class SameBytes : public RanksTest, public testing::WithParamInterface<Input> {};
 

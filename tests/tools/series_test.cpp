@@ -259,6 +259,11 @@ TEST_F(SeriesPrograms, WrongCallsAreRefused) {
   expect_refusal("svrender one.svol --scene s.json --step 0 -o x.png", "no time series");
   expect_done("svbuild --series grid_0.vtk grid_1.vtk -o s.svol");
   expect_refusal("svrender s.svol --scene s.json --step 2 -o x.png", "no step 2; the last is 1");
+  expect_done("svrender s.svol --scene s.json --step 0 --title Waves --time-label -o told.png");
+  expect_done("svrender s.svol --scene s.json --step 0 --title 'Waves, time 0' -o asked.png");
+  expect_done("svrender s.svol --scene s.json --step 1 --title Waves --time-label -o later.png");
+  EXPECT_EQ(read("told.png"), read("asked.png"));
+  EXPECT_NE(read("later.png"), read("told.png"));
   expect_refusal("svexport s.svol --step 2 -o x.vtu", "no step 2; the last is 1");
   expect_done("svexport s.svol --step 0 -o x.vtu");
   expect_refusal("svrender s.svol --scene s.json --steps 0:1 -o x.png", "--progress-frames", 2);

@@ -7,9 +7,9 @@
 
 #include "player/camera_control.h"
 #include "player/session.h"
+#include "player/thread_host.h"
 #include "tools/command_line.h"
 #include "tools/tool.h"
-#include "viewer/thread_host.h"
 
 namespace splatvol {
 namespace {

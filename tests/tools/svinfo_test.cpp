@@ -223,6 +223,10 @@ TEST_F(Svinfo, TellsOfCellsThatItDoesNotKnow) {
   expect_done("svinfo later.svol --verify");
   EXPECT_THAT(run("svinfo later.svol").out, ContainsRegex("shape 77 +100 .*not known to this program"));
   EXPECT_EQ(document_of(run("svinfo later.svol --json"))["cells"]["kinds"][0]["known"], false);
+  const json integrals = document_of(run("svinfo later.svol --integrate --json"));
+  EXPECT_EQ(integrals["left_out"], 100);
+  EXPECT_EQ(integrals["volume"], 0);
+  EXPECT_THAT(run("svinfo later.svol --integrate").out, HasSubstr("100 cells of shapes that this program does not"));
 }
 
 TEST_F(Svinfo, NamesWhatIsBroken) {
@@ -236,6 +240,7 @@ TEST_F(Svinfo, NamesWhatIsBroken) {
   expect_refusal("svinfo text.svol", "not a .svol file");
   expect_refusal("svinfo none.svol", "cannot open");
   expect_refusal("svinfo whole.svol --scene no/scene.json", "no/scene.json");
+  expect_refusal("svinfo whole.svol --integrate", "keeps no cells: build it from a mesh");
   expect_refusal("svinfo whole.svol --scene scene.json --attribute heat", "a0, a1");
 }
 

@@ -137,17 +137,18 @@ TEST_F(Svrender, DrawsCellsExactly) {
   check("with contours and a slice");
   EXPECT_THAT(run("mesh.svol --scene s.json -o scene.exr").text, HasSubstr("64 x 48 pixels, exact, "));
   for (const char* option : {"--tolerance 1", "--splats 9", "--device gl", "--progress-frames ."})
-    expect_refusal(std::string("mesh.svol --scene s.json -o no.exr ") + option, "splats have no contours");
+    EXPECT_THAT(run(std::string("mesh.svol --scene s.json -o shells.exr ") + option).err,
+                HasSubstr("shells stand for"));
   scene_["attribute"] = "a0";
   write_scene();
-  expect_refusal("v.svol --scene s.json -o no.exr", "it keeps no cells, and only these have contours");
+  EXPECT_THAT(run("v.svol --scene s.json -o shells.exr").err, HasSubstr("the file keeps no cells: build it"));
 
   scene_ = plain;
   scene_["transfer_function"]["density"] = {{0, 0}};
   scene_["contours"] = {{{"values", {99}}}};
   write_scene();
   EXPECT_THAT(run("mesh.svol --scene s.json -o empty.png").text,
-              HasSubstr("no contour is in the picture: the isovalue 99 lies outside of the values of value"));
+              HasSubstr("no contour is in the picture: 99 lies outside of the values of value"));
 
   scene_ = plain;
   scene_["exact"] = true;
@@ -193,7 +194,7 @@ TEST_F(Svrender, TakesOneGoalOnly) {
     expect_wrong(options);
 }
 
-TEST_F(Svrender, SlicesClipPlanesAndIsovaluesAreOptions) {
+TEST_F(Svrender, SlicesClipPlanesAndContoursAreOptions) {
   const auto picture = [&](const std::string& options) {
     expect_done("svrender v.svol --scene s.json -o out.exr --tolerance 0 " + options);
     return picture_of("out.exr");
@@ -205,15 +206,21 @@ TEST_F(Svrender, SlicesClipPlanesAndIsovaluesAreOptions) {
   EXPECT_GT(opaque(picture("--slice 0.5,0.5,0.5:0,0,1 --slice 0.5,0.5,0.5:1,0,0")), 100);
   EXPECT_EQ(opaque(picture("--slice 0.5,0.5,5:0,0,1")), 0);
   EXPECT_GT(compare_images(picture("--clip-plane 0.5,0.5,0.5:0.1,0,1"), plain)->rmse, 0.01);
-  EXPECT_GT(compare_images(picture("--isovalue 0.5"), plain)->rmse, 0.01);
-  EXPECT_GT(compare_images(picture("--isovalue 0.5:0.2"), picture("--isovalue 0.5:0.01"))->rmse, 1e-3);
+  const auto with_shells = [&](const std::string& options) {
+    const Outcome outcome = run("v.svol --scene s.json -o out.exr --tolerance 0 " + options);
+    EXPECT_THAT(outcome.err, HasSubstr("shells stand for the contours, as the file keeps no cells"));
+    return picture_of("out.exr");
+  };
+  const Image one = with_shells("--contour 0.5");
+  EXPECT_GT(compare_images(one, plain)->rmse, 0.01);
+  EXPECT_GT(compare_images(with_shells("--contour 0.5 --contour 0.2"), one)->rmse, 1e-3);
   for (const char* value : {"-7", "5e9"}) {
-    const Outcome outcome = run(std::string("v.svol --scene s.json -o out.png --isovalue=") + value);
-    EXPECT_THAT(outcome.err, HasSubstr(fmt::format("the isovalue {} lies outside of the values of", std::stod(value))));
+    const Outcome outcome = run(std::string("v.svol --scene s.json -o out.png --contour=") + value);
+    EXPECT_THAT(outcome.err, HasSubstr(fmt::format("{} lies outside of the values of", std::stod(value))));
   }
   for (const char* options :
        {"--slice 1,2:0,0,1", "--slice 1,2,3", "--slice 1,2,3:0,0,0", "--slice 1,2,3:0,0,nan", "--slice 1,2,3:0,0,1,",
-        "--clip-plane a,b,c:0,0,1", "--clip-plane 1,2,2e100:0,0,1", "--isovalue x", "--isovalue 1:0", "--isovalue 1:"})
+        "--clip-plane a,b,c:0,0,1", "--clip-plane 1,2,2e100:0,0,1", "--contour x", "--contour 1:0", "--contour nan"})
     expect_wrong(options);
 }
 
@@ -419,6 +426,8 @@ TEST_F(Svrender, MakesAPageInOneCommand) {
   expect_done("svrender v.svol -o out.png --tolerance 0 --size 320x240 --background '#ffffff' --transparent");
   EXPECT_NE(plain, read("out.png"));
   expect_refusal("v.svol -o out.exr --title T", "need a .png");
+  expect_refusal("v.svol -o out.exr --time-label", "need a .png");
+  expect_refusal("v.svol -o out.png --time-label", "v.svol is no time series");
   expect_refusal("v.svol -o out.png --attribute heat", "no attribute \"heat\"");
   EXPECT_EQ(run("v.svol -o out.png --background grey").code, 2);
   EXPECT_EQ(run("v.svol -o out.png --scene s.json --attribute a0").code, 2);

@@ -221,7 +221,7 @@ TEST(PixelRect, RectanglesBecomeDisjoint) {
 struct FramesTest : ViewerFixture {
   void SetUp() override {
     ViewerFixture::SetUp();
-    write_two_attributes("v.svol");
+    write_two_attributes(path("v.svol"));
     resize(1000, 600);
     open({.volume = path("v.svol"), .settings = {.device = Device::cpu, .works_aside = false}});
     settle();

@@ -156,7 +156,7 @@ TEST_F(MeshesInAWindow, APreviewComesFirstAndWhatIsChangedInItStays) {
 }
 
 TEST_F(MeshesInAWindow, EscapeEndsAConversionAndTheFileBeforeStays) {
-  write_two_attributes("v.svol");
+  write_two_attributes(path("v.svol"));
   frame({FilesDropped{{path("v.svol")}}});
   settle();
   make_mesh("800000");
@@ -188,7 +188,7 @@ TEST_F(MeshesInAWindow, ASurfaceBecomesOneOfTheScene) {
   frame({FilesDropped{{path("s.stl")}}});
   ASSERT_EQ(errors().size(), 1u);
   EXPECT_THAT(errors()[0], HasSubstr("open the volume first"));
-  write_two_attributes("v.svol");
+  write_two_attributes(path("v.svol"));
   frame({FilesDropped{{path("v.svol")}}});
   settle();
   frame({FilesDropped{{path("s.stl")}}});

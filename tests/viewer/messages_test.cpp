@@ -22,7 +22,7 @@ constexpr int panel = 336;
 struct MessagesTest : test::ViewerFixture {
   void SetUp() override {
     ViewerFixture::SetUp();
-    write_two_attributes("v.svol");
+    write_two_attributes(path("v.svol"));
     present_ = std::filesystem::current_path();
     std::filesystem::current_path(path());
     resize(800, 600);

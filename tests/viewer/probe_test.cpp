@@ -1,10 +1,13 @@
-// The probe under the pointer, for known splats.
+// The probe under the pointer, for known splats and in the pictures of sessions.
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <memory>
 #include <numbers>
 
 #include "splat/kernel.h"
+#include "tests/player/session_fixture.h"
+#include "tests/player/waves.h"
 #include "viewer/probe.h"
 
 namespace splatvol {
@@ -51,6 +54,42 @@ TEST(Probe, FindsTheFirstOfTwoOpaqueSplats) {
     EXPECT_NEAR(found->position.z, 2, 1e-9);
     EXPECT_NEAR(found->position.x, 1e6, 1e-6);
     EXPECT_NEAR(found->opacity, 1, 1e-12);
+  }
+}
+
+// A square across the line of sight, at a depth.
+Surface square(double z, double opacity) {
+  auto mesh = std::make_shared<TriangleMesh>();
+  for (const dvec2 corner : {dvec2(-1, -1), dvec2(1, -1), dvec2(1, 1), dvec2(-1, 1)})
+    mesh->points.emplace_back(1e6 + corner.x, corner.y, z);
+  mesh->triangles = {{0, 1, 2}, {0, 2, 3}};
+  return {{.opacity = opacity, .boundary = "wall"}, mesh};
+}
+
+TEST(Probe, TellsTheSurfaceOfTheLargestShare) {
+  const std::vector<MomentsSplat> splats = {ball({0, 0, 0}, 0.1, 10, 3)};
+  for (const bool orthographic : {false, true}) {
+    View view = view_along_z(orthographic);
+    const Ray ray = looking_through(view, 100.5, 50.5).ray;
+    const auto found = [&](const std::vector<Surface>& surfaces, bool has_volume = true) {
+      return with_surfaces(has_volume ? probe(list_of(splats), constant(1000), {}, view, 100.5, 50.5) : std::nullopt,
+                           surfaces, view, ray);
+    };
+    EXPECT_EQ(found({square(-2, 1)})->surface, "") << "it lies behind an opaque volume";
+    const auto in_front = found({square(2, 1)});
+    EXPECT_EQ(in_front->surface, "wall");
+    EXPECT_NEAR(in_front->position.z, 2, 1e-9);
+    EXPECT_TRUE(std::isnan(in_front->value));
+    EXPECT_EQ(in_front->opacity, 1);
+    EXPECT_EQ(found({square(2, 0.4)})->surface, "") << "most of the light is the volume's";
+    EXPECT_EQ(found({square(2, 0.6)})->surface, "wall");
+    EXPECT_NEAR(found({square(2, 0.4), square(3, 0.5)}, false)->position.z, 3, 1e-9);
+    EXPECT_FALSE(found({}, false));
+    Surface hidden = square(2, 1);
+    hidden.style.shown = false;
+    EXPECT_EQ(found({hidden})->surface, "");
+    view.clip.box = Box{{1e6 - 5, -5, -5}, {1e6 + 5, 5, 1}};
+    EXPECT_EQ(found({square(2, 1)})->surface, "") << "it is cut away";
   }
 }
 
@@ -159,6 +198,66 @@ TEST(Probe, SeesFlatSplatsAndOctants) {
   const auto round = probe(list_of(octants), constant(100), {}, view_along_z(true), 100, 50);
   ASSERT_TRUE(round);
   EXPECT_EQ(round->value, 7);
+}
+
+struct ProbeOfASession : test::SessionFixture {};
+
+// The opacity that the probe tells is the picture's: all over the picture, also for a peak of values and for octants.
+TEST_F(ProbeOfASession, HasThePicturesOpacity) {
+  const auto waves = [](dvec3 p) { return std::sin(20 * p.x) * std::cos(17 * p.y) + std::sin(9 * p.z); };
+  test::build_mesh(test::lattice(84), waves, path("m.svol"));  // more points than are drawn at once
+  for (const KernelKind kernel : {KernelKind::moments, KernelKind::octant}) {
+    settings.drawing.kernel = kernel;
+    const auto session = open(path("m.svol"));
+    settled(*session);
+    TransferFunction peak = session->scene.transfer_function;
+    peak.densities = {{0.55, 0}, {0.6, 10 * peak.densities.back().extinction}, {0.65, 0}};
+    for (const TransferFunction& function : {session->scene.transfer_function, peak}) {
+      session->scene.transfer_function = function;
+      const Image picture = settled(*session);
+      const ProbedFrame frame(session->frame()->list, session->units());
+      const View& view = session->view();
+      double squares = 0;
+      int count = 0;
+      for (int y = 5; y < picture.height; y += 10)
+        for (int x = 5; x < picture.width; x += 10, ++count) {
+          const auto found = frame.probe(function, looking_through(view, x + 0.5, y + 0.5));
+          const double difference = (found ? found->opacity : 0) - static_cast<double>(picture.at(x, y).a);
+          squares += difference * difference;
+        }
+      const double bound = kernel == KernelKind::moments ? 0.01 : 0.05;  // an octant is a Gaussian to the probe
+      EXPECT_LT(std::sqrt(squares / count), bound) << static_cast<int>(kernel);
+    }
+  }
+}
+
+TEST_F(ProbeOfASession, HasTheMeshsOwnValues) {
+  const test::Mesh mesh = test::jittered(12, 0.2);
+  BuildOptions options{.exact = {.positions = true, .values = true}, .keep_cells = true};
+  test::build_mesh(mesh, test::waves, path("m.svol"), options);
+  options.keep_cells = false;
+  test::build_mesh(mesh, test::waves, path("without.svol"), options);
+  const auto session = open(path("m.svol"));
+  settled(*session);
+  const auto cells = test::value_of(ProbedCells::open(session->steps(), 0, "value"));
+  ASSERT_TRUE(cells);
+  const Looking looking = looking_through(session->view(), 0.5 * width, 0.5 * height);
+  auto found = ProbedFrame(session->frame()->list, session->units())
+                   .probe({session->drawn_scene().transfer_function, nullptr}, looking);
+  ASSERT_TRUE(found);
+  cells->take_values(looking.ray, *found);
+  const std::vector<double> values = test::sample(mesh, test::waves);
+  EXPECT_NEAR(found->value, test::value_in(mesh, values, found->position), 1e-9);
+  std::size_t inside = 0;
+  for (std::size_t i = 0; i < found->samples.size(); i += 8) {
+    const Probe::Sample& sample = found->samples[i];
+    const double expected = test::value_in(mesh, values, looking.ray.origin + sample.distance * looking.ray.direction);
+    EXPECT_EQ(std::isnan(sample.value), std::isnan(expected)) << i;
+    EXPECT_TRUE(std::isnan(expected) || std::abs(sample.value - expected) < 1e-9) << i;
+    inside += std::isnan(expected) ? 0 : 1;
+  }
+  EXPECT_GT(inside, 16);
+  EXPECT_FALSE(test::value_of(ProbedCells::open(open(path("without.svol"))->steps(), 0, "value")));
 }
 
 }  // namespace

@@ -2,7 +2,6 @@
 #include <gtest/gtest.h>
 
 #include "format/boundary.h"
-#include "scene/isovalue.h"
 #include "tests/viewer/viewer_fixture.h"
 
 namespace splatvol::test {
@@ -11,7 +10,7 @@ namespace {
 struct PanelRows : test::ViewerFixture {
   void SetUp() override {
     ViewerFixture::SetUp();
-    write_two_attributes("v.svol");
+    write_two_attributes(path("v.svol"));
     resize(800, 1000);
     open({.volume = path("v.svol")});
     settle();
@@ -22,25 +21,36 @@ struct PanelRows : test::ViewerFixture {
   }
   void open_planes() { click_and_settle(100, 747); }
 
+  static constexpr double contours_y = 769;  // the section's head
   // Where the section of the planes begins.
   static constexpr double add_slice_y = 769, first_row_y = 791, row_height = 25;
 };
 
-TEST_F(PanelRows, TheIsovalueSwitchesLightingOnAboveIt) {
-  open_planes();
-  const auto has_isovalue = [&] { return isovalue_of(scene().transfer_function).has_value(); };
-  for (const bool is_clear : {false, true}) {  // then nothing is opaque, and its slider has nothing to scale
-    Scene& changed = viewer->session()->scene;
-    changed.lighting.reset();
-    if (is_clear)
-      for (auto& density : changed.transfer_function.densities) density.extinction = 0;
-    settle();
-    click_and_settle(17, first_row_y);
-    EXPECT_TRUE(has_isovalue());
-    EXPECT_TRUE(scene().lighting);
-    click_and_settle(17, first_row_y);
-    EXPECT_FALSE(has_isovalue());
-  }
+// A contour is added below the button, and between the others.
+TEST_F(PanelRows, ContoursAreAddedBelowTheButton) {
+  click_and_settle(100, contours_y);
+  const double add_y = contours_y + 22, first_y = add_y + 58;  // a note of two lines comes between: there are no cells
+  click_and_settle(40, add_y);
+  click_and_settle(40, add_y);
+  ASSERT_EQ(scene().contours.size(), 2u);
+  const TransferFunction function = scene().transfer_function;
+  EXPECT_DOUBLE_EQ(scene().contours[0].values[0], function.value_at(0.5));
+  EXPECT_DOUBLE_EQ(scene().contours[1].values[0], function.value_at(0.25));
+  click_and_settle(17, first_y);
+  EXPECT_FALSE(scene().contours[0].shown);
+  click_and_settle(17, first_y);
+  EXPECT_TRUE(scene().contours[0].shown);
+  // Its line in the histogram: dragged at the upper end. Without the section, no scroll bar takes from the width.
+  click_and_settle(100, contours_y);
+  const double histogram_left = 8, histogram_right = 328, histogram_y = 104;
+  const double middle = 0.5 * (histogram_left + histogram_right);
+  drag({{middle, histogram_y}, {middle + 20, histogram_y}, {middle + 40, histogram_y + 30}});
+  settle();
+  EXPECT_NEAR(scene().contours[0].values[0], function.value_at(0.5 + 40 / (histogram_right - histogram_left)), 0.01);
+  EXPECT_EQ(scene().transfer_function.densities.size(), function.densities.size()) << "no control point is added";
+  press_with_control('Z');
+  settle();
+  EXPECT_DOUBLE_EQ(scene().contours[0].values[0], function.value_at(0.5));
 }
 
 TEST_F(PanelRows, PlanesAreAddedAndSelectedBelowTheClick) {
@@ -70,7 +80,7 @@ TEST_F(PanelRows, PatchesKeepTheirPlacesWhenTheyBecomeSurfaces) {
   TriangleMesh triangle;
   triangle.points = {dvec3(0), dvec3(1, 0, 0), dvec3(0, 1, 0)};
   triangle.triangles = {{0, 1, 2}};
-  TestVolume volume = make_test_volume(random_points(50, 3), {std::vector<double>(50, 1.0)});
+  TestVolume volume = make_test_volume(random_points(50, 3u), {std::vector<double>(50, 1.0)});
   const std::vector<Patch> patches = {{"inlet", triangle}, {"wall", triangle}, {"outlet", triangle}};
   auto packed = format::pack_boundary(patches, 0);
   volume.info.boundary = packed->info;

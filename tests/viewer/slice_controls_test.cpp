@@ -1,7 +1,6 @@
-// Slices, clip planes and the isovalue in the viewer, by events.
+// Slices and clip planes in the viewer, by events.
 #include <gtest/gtest.h>
 
-#include "scene/isovalue.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/viewer/viewer_fixture.h"
 #include "viewer/probe.h"
@@ -78,6 +77,12 @@ TEST_F(ViewerSlices, HandlesMoveAndTurnTheSliceAndUndoGoesBack) {
   EXPECT_LT(glm::length(tip() - from - dvec2(25, 10)), 5);
   EXPECT_EQ(scene().camera, camera) << "the camera stays";
   EXPECT_GT(compare_images(viewer->session()->image().value(), sliced)->rmse, 0.01);
+
+  // Along its normal, from the nearer side.
+  press('N');
+  settle();
+  EXPECT_LT(glm::length(axes_of(scene().camera).forward + turned.normal), 1e-9);
+  undo();
 
   // Beside the handles a drag turns the camera.
   drag({panel + 60, 700}, {panel + 120, 700});

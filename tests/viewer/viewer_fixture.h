@@ -9,30 +9,17 @@
 #include <utility>
 #include <vector>
 
+#include "tests/player/session_fixture.h"
 #include "tests/renderer/shared_context.h"
 #include "tests/support/temp_folder.h"
-#include "tests/support/test_volume.h"
-#include "viewer/thread_host.h"
 #include "viewer/viewer.h"
 #include "viewer/window/byte_target.h"
 
 namespace splatvol::test {
 
-constexpr double long_time = 1;  // seconds: longer than any change takes
-
-inline ThreadHost host;  // of sessions
-
 class ViewerFixture : public FolderTest {
  protected:
   void SetUp() override { ASSERT_TRUE(shared_context()); }
-
-  /// Writes a file with the attributes a0 = x and a1, the distance from the middle.
-  void write_two_attributes(const std::string& name) const {
-    const auto points = random_points(3000, 1u);
-    std::vector<double> heat, wind;
-    for (const dvec3& p : points) heat.push_back(p.x), wind.push_back(glm::length(p - 0.5));
-    ASSERT_TRUE(write_test_volume(make_test_volume(points, {heat, wind}), path(name)));
-  }
 
   /// Opens a viewer anew, in a window of the last size.
   void open(const ViewerOptions& options) {

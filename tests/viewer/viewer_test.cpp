@@ -9,6 +9,7 @@
 
 #include "player/sampling.h"
 #include "renderer/device/device.h"
+#include "tests/player/waves.h"
 #include "tests/viewer/viewer_fixture.h"
 
 namespace splatvol::test {
@@ -32,7 +33,7 @@ class ProgramsFrom {
 struct ViewerTest : test::ViewerFixture {
   void SetUp() override {
     ViewerFixture::SetUp();
-    write_two_attributes("v.svol");
+    write_two_attributes(path("v.svol"));
     resize(width, height);
     open({.volume = path("v.svol"), .settings = {.works_aside = false}});
   }
@@ -42,6 +43,12 @@ struct ViewerTest : test::ViewerFixture {
     ViewerOptions options{.volume = path("v.svol"), .scene = scene_text, .settings = {.works_aside = false}};
     options.clipboard.copy = [&](const std::string& text) { copied = text; };
     open(options);
+  }
+  // Presses keys together.
+  void chord(const std::vector<int>& codes) {
+    for (const int code : codes) frame({KeyChanged{code, true}});
+    for (const int code : codes) frame({KeyChanged{code, false}});
+    settle();
   }
   // Drops a scene, as a file, on the window.
   void drop(const Scene& dropped) { frame({FilesDropped{{write("dropped.json", scene_to_json(dropped))}}}); }
@@ -97,6 +104,22 @@ TEST_F(ViewerTest, ShowsTheSamePictureOfBothDevices) {
   EXPECT_LT(compare_images(windows[0], windows[1])->rmse, 2e-3);
 }
 
+// Where a graphics card draws what moves, the processor draws the exact picture at rest, and the window shows it.
+TEST_F(ViewerTest, ShowsTheProcessorsExactPicture) {
+  build_mesh(jittered(12, 0.2), waves, path("m.svol"), {.keep_cells = true});
+  std::vector<Image> screens;
+  for (const Device device : {Device::gl, Device::cpu}) {
+    resize(300, 200);
+    open({.volume = path("m.svol"), .settings = {.device = device}});
+    settle();
+    EXPECT_TRUE(viewer->session()->exact());
+    press(key::tab);  // without the panel
+    settle();
+    screens.push_back(screen());
+  }
+  EXPECT_LE(compare_images(screens[0], screens[1])->max, 0.02);
+}
+
 TEST_F(ViewerTest, RestsWhenNothingHappens) {
   press('H');  // hides the numbers: the mean time of frames goes on
   settle();
@@ -106,6 +129,28 @@ TEST_F(ViewerTest, RestsWhenNothingHappens) {
   EXPECT_TRUE(viewer->is_settled());
   EXPECT_EQ(viewer->session()->frame()->serial, serial);
   EXPECT_EQ(compare_images(before, screen())->max, 0);
+}
+
+// What the HUD tells of a picture that was drawn aside fits into it a frame after the picture has come.
+TEST_F(ViewerTest, AFrameFollowsTheLastPicture) {
+  build_mesh(lattice(40), waves, path("m.svol"));  // more points than are drawn at once
+  open({.volume = path("m.svol"), .settings = {.device = Device::cpu, .quality = {.tolerance_percent = 0}}});
+  while (!viewer->session()->is_settled()) {  // ends by the test's time limit
+    frame({});
+    EXPECT_FALSE(viewer->is_settled());
+  }
+}
+
+TEST_F(ViewerTest, PlaysSteps) {
+  write_series(path("series.svol"));
+  open({.volume = path("series.svol")});
+  settle();
+  frame_seconds = 0.02;
+  press(key::space);
+  EXPECT_EQ(viewer->session()->step(), 0U) << "behind the last comes the first";
+  settle();
+  EXPECT_EQ(viewer->session()->step(), 2U);
+  EXPECT_TRUE(viewer->session()->is_step_shown());
 }
 
 TEST_F(ViewerTest, ADragTurnsThePictureAndNotThePanel) {
@@ -139,11 +184,6 @@ TEST_F(ViewerTest, ClicksWithinAFrameAreNotLost) {
 
 TEST_F(ViewerTest, UndoesAndRedoesWhatChangesTheScene) {
   settle();
-  const auto chord = [&](std::vector<int> codes) {
-    for (const int code : codes) frame({KeyChanged{code, true}});
-    for (const int code : codes) frame({KeyChanged{code, false}});
-    settle();
-  };
   const auto undo = [&] { chord({key::left_control, 'Z'}); };
   const auto redo = [&] { chord({key::right_control, key::right_shift, 'Z'}); };
   std::vector<Scene> scenes = {scene()};
@@ -292,6 +332,10 @@ TEST_F(ViewerTest, AnyAxisMayBeUp) {
         EXPECT_LT(glm::length(axes.up - up), 1e-12) << axis;
       EXPECT_NEAR(axes.forward[code - '1'], -1, 1e-12);
     }
+    press('4');
+    const CameraAxes corner = axes_of(scene().camera);
+    EXPECT_LT(glm::length(corner.forward + dvec3(std::sqrt(1.0 / 3))), 1e-12);
+    EXPECT_GT(glm::dot(corner.up, up), 0.5);
     press('R');
   }
 }
@@ -340,13 +384,14 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
   EXPECT_EQ(scene().width, shown);
 
   const auto save_scene = [&] { click_and_settle(40, 768); };
+  const auto scene_text = [&] {
+    return to_json(
+        {scene(),
+         {.file = "v.svol", .quality = {.max_error = default_max_error}, .drawing = {.kernel = KernelKind::moments}}});
+  };
   save_scene();
   const std::string saved = *read_text_file("v.json");
-  EXPECT_EQ(saved, to_json({scene(),
-                            {.file = "v.svol",
-                             .quality = {.max_error = default_max_error},
-                             .drawing = {.kernel = KernelKind::moments}}}))
-      << "the file is named from the scene's folder on";
+  EXPECT_EQ(saved, scene_text()) << "the file is named from the scene's folder on";
   press('P');
   save_scene();
   press(key::escape);
@@ -354,10 +399,7 @@ TEST_F(ViewerTest, SavesInAnySizeAndAsksBeforeItReplaces) {
   EXPECT_EQ(*read_text_file("v.json"), saved);
   save_scene();
   replace();
-  EXPECT_EQ(*read_text_file("v.json"), to_json({scene(),
-                                                {.file = "v.svol",
-                                                 .quality = {.max_error = default_max_error},
-                                                 .drawing = {.kernel = KernelKind::moments}}}));
+  EXPECT_EQ(*read_text_file("v.json"), scene_text());
   EXPECT_NE(*read_text_file("v.json"), saved);
   fs::current_path(present);
 }
@@ -574,36 +616,6 @@ TEST_F(ViewerTest, ADragOverTheHistogramChangesTheOpacity) {
   ASSERT_EQ(after.densities.size(), before.densities.size() + 1);
   EXPECT_GT(after.extinction(0.5 * (after.lo + after.hi)), before.extinction(0.5 * (before.lo + before.hi)));
   settle();
-}
-
-TEST_F(ViewerTest, AnotherAttributeComesWithItsOwnTransferFunction) {
-  const auto session = Session::open(path("v.svol"), "", ViewSettings(), host).value();
-  const auto settled = [&] {
-    do {
-      EXPECT_TRUE(session->draw(200, 150, long_time));
-    } while (!session->is_settled());  // ends by the test's time limit
-    return session->image().value();
-  };
-  const Image heat = settled();
-  const Camera camera = session->scene.camera;
-  session->show_attribute("no such");
-  EXPECT_EQ(compare_images(settled(), heat)->max, 0);
-  EXPECT_EQ(session->troubles().size(), 1U);
-  session->show_attribute("a1");
-  const Image wind = settled();
-  EXPECT_EQ(session->attribute().name, "a1");
-  EXPECT_NE(session->scene.transfer_function.hi, session->first_scene().transfer_function.hi);
-  EXPECT_EQ(session->scene.camera.position, camera.position);
-  EXPECT_GT(compare_images(heat, wind)->rmse, 0.01);
-  // Too little memory for any picture: an error, and the viewer goes on with the old settings.
-  session->settings.memory = 1000;
-  EXPECT_EQ(compare_images(settled(), wind)->max, 0);
-  EXPECT_EQ(session->troubles().size(), 2U);
-  EXPECT_NE(session->settings.memory, 1000U);
-  // The other kernel, lit.
-  session->settings.drawing.kernel = KernelKind::octant;
-  session->scene.lighting = Lighting();
-  EXPECT_GT(compare_images(settled(), wind)->rmse, 0.001);
 }
 
 TEST_F(ViewerTest, AClickPinsTheLineOfSight) {

@@ -193,7 +193,8 @@ void Gui::end() { ImGui::Render(); }
 
 Gui::Lists Gui::lists() const {
   const ImDrawData& data = *ImGui::GetDrawData();
-  return {data.CmdLists, static_cast<std::size_t>(data.CmdListsCount)};
+  if (data.CmdListsCount == 0) return {};
+  return {&data.CmdLists[0], static_cast<std::size_t>(data.CmdListsCount)};  // an array, or a vector of later versions
 }
 
 // Dear ImGui draws the list of overlays first, unless it is empty.

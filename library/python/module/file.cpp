@@ -146,6 +146,26 @@ nb::dict read_contour(const SharedFile& file, double value, const std::string& a
                  arrays_of(std::move(mesh.point_values)), "left_out", mesh.left_out);
 }
 
+using PlaneRow = std::pair<Corner, Corner>;                // point, normal
+using RangeRow = std::tuple<std::string, double, double>;  // attribute, low, high
+
+nb::dict integrate(const SharedFile& file, const std::vector<std::string>& attributes,
+                   const std::optional<std::pair<Corner, Corner>>& box, const std::vector<PlaneRow>& clip_planes,
+                   const std::vector<RangeRow>& ranges) {
+  IntegralRequest request{.attributes = attributes};
+  if (box) request.box = Box{vector_of(box->first), vector_of(box->second)};
+  for (const auto& [point, normal] : clip_planes) request.clip_planes.push_back({vector_of(point), vector_of(normal)});
+  for (const auto& [attribute, low, high] : ranges) request.ranges.push_back({attribute, low, high});
+  const Integrals integrals = file.read([&](const File& opened) { return opened.integrate(request); });
+  nb::list rows;
+  for (const Integral& of : integrals.attributes)
+    rows.append(dict_of("name", of.name, "unit", of.unit, "volume", of.volume, "missing_volume", of.missing_volume,
+                        "integral", of.integral, "mean", of.mean, "low", of.low, "low_position",
+                        corner_of(of.low_position), "high", of.high, "high_position", corner_of(of.high_position)));
+  return dict_of("volume", integrals.volume, "unknown_volume", integrals.unknown_volume, "attributes", rows, "left_out",
+                 integrals.left_out);
+}
+
 nb::dict sample_line(const SharedFile& file, const Corner& start, const Corner& end,
                      const std::vector<std::string>& attributes, std::optional<std::size_t> samples) {
   LineSamples line = file.read(
@@ -207,6 +227,7 @@ void add_file(nb::module_& module) {
       .def("sample_line", &sample_line, "start"_a, "end"_a, "attributes"_a, "samples"_a.none())
       .def("cells", &read_cells, "attributes"_a, "box"_a.none())
       .def("contour", &read_contour, "value"_a, "attribute"_a, "attributes"_a, "box"_a.none())
+      .def("integrate", &integrate, "attributes"_a, "box"_a.none(), "clip_planes"_a, "ranges"_a)
       .def("verify", &verify, "progress"_a.none())
       .def("file_bytes", [](const SharedFile& file) { return file.look([](const File& f) { return f.file_bytes(); }); })
       .def("bytes_read",

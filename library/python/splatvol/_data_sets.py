@@ -28,7 +28,7 @@ def cells_data_set(pv: Any, mesh: Dict[str, Any], name: str) -> pv.UnstructuredG
     from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
     from vtkmodules.vtkCommonDataModel import vtkCellArray
 
-    _tell_left_out(mesh, name)
+    tell_left_out(mesh["left_out"], name)
     if mesh["split"]:
         warnings.warn(
             f"{name}: {mesh['split']} cells are split into tetrahedra: a reader of rounded corners would choose others",
@@ -49,7 +49,7 @@ def contour_data_set(pv: Any, mesh: Dict[str, Any], name: str) -> pv.PolyData:
     from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
     from vtkmodules.vtkCommonDataModel import vtkCellArray
 
-    _tell_left_out(mesh, name)
+    tell_left_out(mesh["left_out"], name)
     triangles = vtkCellArray()
     triangles.SetData(3, numpy_to_vtkIdTypeArray(mesh["triangles"].reshape(-1)))
     surface = pv.PolyData()
@@ -64,8 +64,8 @@ def _add(data: Any, arrays: Iterable[Tuple[str, NDArray[Any]]]) -> None:
         data.set_array(values, name)
 
 
-def _tell_left_out(mesh: Dict[str, Any], name: str) -> None:
-    if mesh["left_out"]:
+def tell_left_out(cells: int, name: str, stacklevel: int = 4) -> None:
+    if cells:
         warnings.warn(
-            f"{name}: {mesh['left_out']} cells are left out: this version does not know their shape", stacklevel=4
+            f"{name}: {cells} cells are left out: this version does not know their shape", stacklevel=stacklevel
         )

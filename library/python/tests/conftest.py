@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import splatvol
+
+# A script starts what it runs in the background with SIGINT ignored: tests of Ctrl-C would wait for ever.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The six tetrahedra of a cube, by its corners (bit 0: x, 1: y, 2: z).
 _TETRAHEDRA = np.array([[0, a, a | b, 7] for a, b in [(1, 2), (2, 4), (4, 1), (1, 4), (2, 1), (4, 2)]])

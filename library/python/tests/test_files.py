@@ -70,6 +70,30 @@ def test_a_line_has_all_crossings(ball_file):
         ball_file.sample_line((0, 0, 0), (0, 0, 0))
 
 
+def test_integrals_are_exact(tmp_path):
+    corners = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
+    cube = [(0, 1, 3, 7), (0, 3, 2, 7), (0, 2, 6, 7), (0, 6, 4, 7), (0, 4, 5, 7), (0, 5, 1, 7)]
+    values = {"f": corners @ (1, 2, 4), "g": np.where(corners[:, 0] > 0, 1, np.nan)}
+    splatvol.build(corners, cube, values, tmp_path / "cube.svol", units={"f": "K"}, exact=True)
+    file = splatvol.open(tmp_path / "cube.svol")
+    whole = file.integrate()
+    assert list(whole) == ["f", "g"] and whole["f"].unit == "K"
+    assert whole["f"].integral == pytest.approx(3.5) and whole["f"].mean == pytest.approx(3.5)
+    assert (whole["f"].low, whole["f"].low_position) == (0, (0, 0, 0))
+    assert (whole["f"].high, whole["f"].high_position) == (7, (1, 1, 1))
+    assert whole["g"].volume == 0 and whole["g"].missing_volume == pytest.approx(1) and np.isnan(whole["g"].mean)
+    box = ((.2, 0, 0), (.6, 1, 1))
+    part = file.integrate("f", box=box, clip_planes=[((0, 0, .5), (0, 0, -1))])
+    assert list(part) == ["f"] and part["f"].volume == pytest.approx(.2) and part["f"].mean == pytest.approx(2.4)
+    assert file.integrate("f", ranges={"f": (None, 1)})["f"].volume == pytest.approx(1 / 48)
+    with pytest.warns(UserWarning, match="a volume of 0.4 is left out"):
+        assert file.integrate("f", box=box, ranges={"g": (0, None)})["f"].volume == 0
+    with pytest.raises(splatvol.InvalidArgumentError, match="lower value first"):
+        file.integrate(ranges={"f": (2, 1)})
+    with pytest.raises(splatvol.InvalidArgumentError, match="heat"):
+        file.integrate(ranges={"heat": (1, 2)})
+
+
 def test_data_sets_need_pyvista(ball_file, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyvista", None)
     for call in (ball_file.cells, lambda: ball_file.contour(1)):

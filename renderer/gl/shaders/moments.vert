@@ -15,6 +15,6 @@ void main() {
   form = quads[index].FORM;
 #endif
   s = quads[index].reach * vec2((gl_VertexID & 1) == 0 ? -1.0 : 1.0, (gl_VertexID & 2) == 0 ? -1.0 : 1.0);
-  vec2 corner = quads[index].centre + s.x * quads[index].axes.xy + s.y * quads[index].axes.zw;
+  vec2 corner = quads[index].center + s.x * quads[index].axes.xy + s.y * quads[index].axes.zw;
   gl_Position = vec4(2.0 * corner / frame.image_size - 1.0, 0.0, 1.0);
 }

@@ -19,7 +19,7 @@ layout(binding = 1) uniform sampler1D peak_table;  // level k: the largest extin
 // The ellipsoid. Lengths are in pixels, of the size that they have in the middle of its visible part.
 struct Body {
   float pixel_size;    // world units
-  vec3 centre;         // view coordinates
+  vec3 center;         // view coordinates
   vec3 l_x, l_y, l_z;  // rows of L
   vec3 u, v, w;        // columns of L^-1
   float volume;        // determinant of L
@@ -43,7 +43,7 @@ struct Outline {
   vec2 middle, e_1, e_2;
   vec2 anchor;       // k of a point of the ellipsoid
   float anchor_z;    // its depth
-  vec3 from_centre;  // its position in the ball
+  vec3 from_center;  // its position in the ball
 };
 
 // The rays as linear functions of s: d' = scale L^-1 d, n = o' x d' and o' . d'.
@@ -139,12 +139,12 @@ void set_axes(mat3 axes, vec3 half_axes, float stretch, inout Body body) {
 // Makes the ellipsoid and its values; false if no part of it is in front of the eye.
 bool make_body(Splat splat, out Body body, out Value value) {
   mat3 axes = view_axes(splat);
-  vec3 centre = splat.position;
+  vec3 center = splat.position;
   vec3 deviations = splat.deviations;
   vec3 foot = splat.boundary;
   float reach_z = half_axis * length(axes[2] * deviations) * (1.0 + 1.1 * length(foot));
-  if (!(centre.z + reach_z > 0.0)) return false;
-  float middle_z = is_orthographic() ? 1.0 : max(centre.z, 0.5 * (centre.z + reach_z));
+  if (!(center.z + reach_z > 0.0)) return false;
+  float middle_z = is_orthographic() ? 1.0 : max(center.z, 0.5 * (center.z + reach_z));
   body.pixel_size = max(middle_z / frame.focal, smallest_pixel);
   deviations /= body.pixel_size;
   vec3 widened = sqrt(deviations * deviations + low_pass);
@@ -164,14 +164,14 @@ bool make_body(Splat splat, out Body body, out Value value) {
   body.stretch = 0.0;
   if (foot != vec3(0.0)) set_boundary(kept, foot, body);
   float stretch = sqrt(1.0 + body.stretch * body.stretch);
-  body.centre = centre / body.pixel_size + transpose(axes) * (widened * foot);
+  body.center = center / body.pixel_size + transpose(axes) * (widened * foot);
   value.mean = of_axis.x + dot(gradient, foot) / half_axis;
   value.gradient = gradient + (stretch - 1.0) * dot(body.normal, gradient) * body.normal;
 
   set_axes(axes, half_axis * widened, stretch, body);
   reach_z = length(body.l_z);
-  body.near = body.centre.z < nearest_distance * reach_z;
-  return body.centre.z + reach_z > 0.0;
+  body.near = body.center.z < nearest_distance * reach_z;
+  return body.center.z + reach_z > 0.0;
 }
 
 // Returns the largest extinction of the values in [low, high], which are in units of the domain.
@@ -205,19 +205,19 @@ vec2 tangents(float x, vec3 l_x, float z, vec3 l_z) {
 void make_box(Body body, vec2 half_image, out Outline outline) {
   vec2 x, y;
   if (is_orthographic()) {
-    x = body.centre.x + vec2(-1.0, 1.0) * length(body.l_x);
-    y = body.centre.y + vec2(-1.0, 1.0) * length(body.l_y);
-    outline.anchor = body.centre.xy;
-    outline.anchor_z = body.centre.z;
-    outline.from_centre = vec3(0.0);
+    x = body.center.x + vec2(-1.0, 1.0) * length(body.l_x);
+    y = body.center.y + vec2(-1.0, 1.0) * length(body.l_y);
+    outline.anchor = body.center.xy;
+    outline.anchor_z = body.center.z;
+    outline.from_center = vec3(0.0);
   } else {
-    x = tangents(body.centre.x, body.l_x, body.centre.z, body.l_z);
-    y = tangents(body.centre.y, body.l_y, body.centre.z, body.l_z);
+    x = tangents(body.center.x, body.l_x, body.center.z, body.l_z);
+    y = tangents(body.center.y, body.l_y, body.center.z, body.l_z);
     float reach_z = length(body.l_z);
-    outline.from_centre = body.l_z / reach_z;
-    outline.anchor_z = body.centre.z + reach_z;
+    outline.from_center = body.l_z / reach_z;
+    outline.anchor_z = body.center.z + reach_z;
     outline.anchor =
-        (body.centre.xy + vec2(dot(body.l_x, body.l_z), dot(body.l_y, body.l_z)) / reach_z) / outline.anchor_z;
+        (body.center.xy + vec2(dot(body.l_x, body.l_z), dot(body.l_y, body.l_z)) / reach_z) / outline.anchor_z;
   }
   vec2 low = max(vec2(x.x, y.x), -half_image);
   vec2 high = min(vec2(x.y, y.y), half_image);
@@ -229,13 +229,13 @@ void make_box(Body body, vec2 half_image, out Outline outline) {
 // Makes an outline of the ellipse.
 void make_ellipse(Body body, out Outline outline) {
   bool orthographic = is_orthographic();
-  outline.anchor = orthographic ? body.centre.xy : body.centre.xy / body.centre.z;
-  outline.anchor_z = body.centre.z;
-  outline.from_centre = vec3(0.0);
+  outline.anchor = orthographic ? body.center.xy : body.center.xy / body.center.z;
+  outline.anchor_z = body.center.z;
+  outline.from_center = vec3(0.0);
   vec3 x = orthographic ? body.l_x : body.l_x - outline.anchor.x * body.l_z;
   vec3 y = orthographic ? body.l_y : body.l_y - outline.anchor.y * body.l_z;
   vec2 q = orthographic ? vec2(0.0) : vec2(dot(x, body.l_z), dot(y, body.l_z));
-  float a = orthographic ? 1.0 : (body.centre.z - length(body.l_z)) * (body.centre.z + length(body.l_z));
+  float a = orthographic ? 1.0 : (body.center.z - length(body.l_z)) * (body.center.z + length(body.l_z));
   vec3 minors = cross(x, y);
   vec3 skew = q.x * y - q.y * x;
   float xx = dot(x, x) + q.x * q.x / a;
@@ -261,16 +261,16 @@ Rays make_rays(Body body, Outline outline) {
     rays.n_0 = cross(to_shift, body.w);
     rays.n_1 = cross(to_1, body.w);
     rays.n_2 = cross(to_2, body.w);
-    rays.along = vec3(dot(to_shift - body.centre.z * body.w, body.w), dot(to_1, body.w), dot(to_2, body.w));
+    rays.along = vec3(dot(to_shift - body.center.z * body.w, body.w), dot(to_1, body.w), dot(to_2, body.w));
     rays.kappa = dot(body.w, body.w);
   } else {
-    vec3 o = -(body.centre.x * body.u + body.centre.y * body.v + body.centre.z * body.w);
+    vec3 o = -(body.center.x * body.u + body.center.y * body.v + body.center.z * body.w);
     rays.scale = outline.anchor_z;
     to_shift *= rays.scale;
-    rays.d_0 = outline.from_centre - o + to_shift;
+    rays.d_0 = outline.from_center - o + to_shift;
     rays.d_1 = to_1 * rays.scale;
     rays.d_2 = to_2 * rays.scale;
-    rays.n_0 = cross(o, outline.from_centre + to_shift);
+    rays.n_0 = cross(o, outline.from_center + to_shift);
     rays.n_1 = cross(o, rays.d_1);
     rays.n_2 = cross(o, rays.d_2);
     rays.along = vec3(dot(o, rays.d_0), dot(o, rays.d_1), dot(o, rays.d_2));
@@ -461,7 +461,7 @@ bool make_outline(vec2 half_image, inout Body body, out Outline outline) {
 // Empties the quad if surfaces hide all of the splat, and gives it the last form if they may hide a part.
 void compare_with_surfaces(vec2 depths, inout Quad quad) {
   vec2 reach = quad.reach * (abs(quad.axes.xy) + abs(quad.axes.zw));
-  vec2 range = surface_range(quad.centre - reach, quad.centre + reach);
+  vec2 range = surface_range(quad.center - reach, quad.center + reach);
   if (depths.x >= range.y)
     quad = empty_quad();
   else if (depths.y > range.x)
@@ -472,14 +472,14 @@ void compare_with_surfaces(vec2 depths, inout Quad quad) {
 // between two `depths`.
 bool project(uint number, out Quad quad, out float distance_to_eye, out vec2 depths) {
   Splat splat = read_splat(number);
-  vec3 centre = splat.position;
-  distance_to_eye = max(is_orthographic() ? centre.z : length(centre), 0.0);
-  if (!(splat.mass > 0.0) || !is_finite(splat.mass) || !is_finite(centre) || !is_finite(splat.value)) return false;
+  vec3 center = splat.position;
+  distance_to_eye = max(is_orthographic() ? center.z : length(center), 0.0);
+  if (!(splat.mass > 0.0) || !is_finite(splat.mass) || !is_finite(center) || !is_finite(splat.value)) return false;
 
   Body body;
   Value value;
   if (!make_body(splat, body, value)) return false;
-  depths = body.pixel_size * (body.centre.z + length(body.l_z) * vec2(-1.0, 1.0));
+  depths = body.pixel_size * (body.center.z + length(body.l_z) * vec2(-1.0, 1.0));
   float extent = length(value.gradient) + 4.0 * sqrt(value.residual);
   float peak = peak_extinction(value.mean - extent, value.mean + extent);
   if (!(peak > 0.0)) return false;
@@ -493,7 +493,7 @@ bool project(uint number, out Quad quad, out float distance_to_eye, out vec2 dep
   float share = body.stretch > 0.0 ? 2.0 : 1.0;
   float strength = splat.mass / (body.pixel_size * body.pixel_size) * (share * 3.0 / pi) / body.volume * rays.scale;
   strength = min(strength, 1e18);
-  quad.centre = (outline.middle + half_image) * focal;
+  quad.center = (outline.middle + half_image) * focal;
   quad.axes = vec4(outline.e_1, outline.e_2) * focal;
   quad.reach = 1.0;
   quad.form = 2u;

@@ -6,7 +6,7 @@ struct Quad {
   vec4 middle_form[middle_form_count];  // of moments_middle.frag
   vec4 near_form[near_form_count];      // of moments_near.glsl
   vec4 axes;                            // to s = (1, 0) and to s = (0, 1), pixels
-  vec2 centre;                          // pixels
+  vec2 center;                          // pixels
   float reach;                          // largest |s|: less than 1 if the rest is too faint; 0: nothing to draw
   uint form;                            // the first form that serves: 0 to 3
 };
@@ -18,7 +18,7 @@ uint form_of(Quad quad) { return quad.form; }
 Quad empty_quad() {
   Quad quad;
   quad.axes = vec4(0.0);
-  quad.centre = vec2(0.0);
+  quad.center = vec2(0.0);
   quad.reach = 0.0;
   quad.form = 0u;
   return quad;

@@ -7,7 +7,7 @@ layout(location = 0) out vec4 pixel;
 // Returns s at the pixel's centre. OpenGL rounds the corners of quads to 1/256 of a pixel. Along a needle that leads
 // away from the eye, this is a long way.
 vec2 exact_s() {
-  vec2 away = gl_FragCoord.xy - quads[index].centre;
+  vec2 away = gl_FragCoord.xy - quads[index].center;
   vec4 axes = quads[index].axes;
   float x = away.x / axes.x;
   return vec2(x, (away.y - x * axes.y) / axes.w);

@@ -121,14 +121,9 @@ dvec3 gradient_of(const ValueMoments& value, const SpatialMoments& moments) {
   return gradient;
 }
 
-SpatialMoments merge_all(const Mesh& mesh, const std::vector<SpatialMoments>& moments) {
-  SpatialMoments sum;
-  for (std::size_t i = 0; i < moments.size(); ++i) merge(sum, moments[i], mesh.points[i] - mesh.points[0]);
-  return sum;
-}
-
-ValueMoments merge_all(const Mesh& mesh, const std::vector<ValueMoments>& moments) {
-  ValueMoments sum;
+template <class Moments>
+Moments merge_all(const Mesh& mesh, const std::vector<Moments>& moments) {
+  Moments sum;
   for (std::size_t i = 0; i < moments.size(); ++i) merge(sum, moments[i], mesh.points[i] - mesh.points[0]);
   return sum;
 }

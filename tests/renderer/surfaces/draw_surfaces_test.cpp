@@ -54,6 +54,40 @@ void for_each_pixel(const View& view, const SurfaceLayer& layer, const Check& ch
             layer.light.at(x, row));
 }
 
+// Values at the corners are linear in a triangle, in space and not in the picture.
+TEST(DrawSurfaces, ValuesColorAPlate) {
+  const auto value_at = [](const dvec3& p) { return 2 + p.x - 0.5 * p.y + 0.25 * p.z; };
+  TransferFunction function{.colors = {{0, dvec3(1, 0, 0)}, {1, dvec3(0, 0, 1)}}, .densities = {{0, 1}}};
+  function.lo = -1, function.hi = 5;
+  for (const bool orthographic : {false, true}) {
+    const View view = view_from({0.3, 0.5, 4}, {0, 0, 0}, orthographic);
+    Surface surface = surface_of(test::plate({-1.2, -0.8, -1}, {2.4, 0.2, 0.5}, {0, 1.8, 1.4}, 3), 0.5);
+    surface.style.color_by = SceneColoring{"v", function};
+    SurfaceValues values{"v", 0, {}};
+    for (const dvec3& point : surface.mesh->points) values.values.push_back(value_at(point));
+    surface.values = std::make_shared<const SurfaceValues>(values);
+    Surface plain = surface_of(*surface.mesh, 0.5);
+    const SurfaceLayer colored = draw({surface}, view).layers.at(0), white = draw({plain}, view).layers.at(0);
+    int hit = 0;
+    for (int row = 0; row < view.height; ++row)
+      for (int x = 0; x < view.width; ++x) {
+        const float depth = colored.depths.depths[static_cast<std::size_t>(row) * view.width + x];
+        if (depth == infinity) continue;
+        ++hit;
+        const Ray ray = ray_of(view, x, row);
+        const vec4 shade = white.light.at(x, row);
+        const dvec3 exact = double{shade.r} * function.color(value_at(ray.origin + double{depth} * ray.direction));
+        EXPECT_LT(glm::length(dvec3(colored.light.at(x, row)) - exact), 1e-5);
+        EXPECT_EQ(colored.light.at(x, row).a, 0.5F);
+      }
+    EXPECT_GT(hit, 1000);
+    values.values[0] = std::numeric_limits<double>::quiet_NaN();  // its triangles have the surface's own colour
+    surface.values = std::make_shared<const SurfaceValues>(values);
+    const Image some = draw({surface}, view).layers.at(0).light;
+    EXPECT_GT(std::ranges::count_if(some.pixels, [](const vec4& p) { return p.a > 0 && p.r == p.g; }), 20);
+  }
+}
+
 TEST(DrawSurfaces, APlateHasThePlanesDepthAndLight) {
   for (const bool orthographic : {false, true}) {
     const View view = view_from({0.3, 0.5, 4}, {0, 0, 0}, orthographic);

@@ -22,6 +22,7 @@
 #include "tests/builder/sources/vtk/exodus_mesh.h"
 #include "tests/builder/sources/vtk_text.h"
 #include "tests/builder/support/series_check.h"
+#include "tests/support/replaced.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 #include VTK_CGNS(cgnslib.h)
@@ -83,6 +84,20 @@ double averaged(dvec3 p, double lowest_x, double time) {
 struct BlocksTest : FolderTest {
   [[nodiscard]] std::string error_of(const std::string& name, const SourceOptions& options = {}) const {
     return test::error_of({path(name)}, options);
+  }
+
+  /// Reads a file of two blocks before and behind a tetrahedron with the arrays f and t of points. Calls check(input,
+  /// number of the first block's piece, number of the tetrahedron's).
+  template <class Check>
+  void read_beside_other(const std::string& name, const Check& check) const {
+    write("other.vtu", tetrahedron_at(5, {{"f", {1, 2, 3, 4}}, {"t", {5, 6, 7, 8}}}).file());
+    for (const bool is_first : {true, false}) {
+      std::vector<std::string> paths = {path(name), path("other.vtu")};
+      if (!is_first) std::ranges::reverse(paths);
+      const auto input = value_of(read_input(paths));
+      EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "q", "t"));
+      check(input, is_first ? 0 : 1, is_first ? 2 : 0);
+    }
   }
 
   /// Expects two cubes side by side, with the linear field at two time steps, 0.5 and 2. All formats here can hold
@@ -237,18 +252,9 @@ MATCHER(AreThere, "") {
   return std::ranges::none_of(arg, [](double value) { return std::isnan(value); });
 }
 
-/// A tetrahedron with the arrays f and t of points, as a .vtu file.
-std::string tetrahedron_vtu() { return tetrahedron_at(5, {{"f", {1, 2, 3, 4}}, {"t", {5, 6, 7, 8}}}).file(); }
-
 TEST_F(BlocksTest, ExodusBesideOtherFiles) {
   exodus_mesh().write(path("mesh.e"));
-  write("other.vtu", tetrahedron_vtu());
-  for (const bool exodus_first : {true, false}) {
-    std::vector<std::string> paths = {path("mesh.e"), path("other.vtu")};
-    if (!exodus_first) std::ranges::reverse(paths);
-    const auto input = value_of(read_input(paths));
-    EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "q", "t"));
-    const std::size_t block = exodus_first ? 0 : 1, other = exodus_first ? 2 : 0;
+  read_beside_other("mesh.e", [](const Input& input, std::size_t block, std::size_t other) {
     EXPECT_THAT(values_in(input, block, "t"), AreMissing());
     EXPECT_THAT(values_in(input, block, "q"), AreMissing());
     EXPECT_THAT(values_in(input, block + 1, "q"), AreThere());
@@ -257,7 +263,7 @@ TEST_F(BlocksTest, ExodusBesideOtherFiles) {
     EXPECT_THAT(values_in(input, other, "U[1]"), AreMissing());
     EXPECT_THAT(values_in(input, other, "t"), ElementsAre(5, 6, 7, 8));
     EXPECT_THAT(values_in(input, other, "f"), ElementsAre(1, 2, 3, 4));
-  }
+  });
 }
 
 // The upper sides of the first block, and a side of one cell of the second.
@@ -407,19 +413,13 @@ TEST_F(BlocksTest, EnSight) {
 
 TEST_F(BlocksTest, EnSightVariablesOfOnePart) {
   write_ensight(*this);
-  write("other.vtu", tetrahedron_vtu());
   for (std::size_t step = 0; step < 2; ++step)
     for (const char* name : {"f", "q"}) {
       const std::string file = fmt::format("{}.{:03}", name, step), whole = read_text_file(path(file)).value();
       const std::size_t second = whole.find("part", whole.find("part") + 1);
       write(file, whole.substr(0, whole.find("part")) + whole.substr(second));
     }
-  for (const bool case_first : {true, false}) {
-    std::vector<std::string> paths = {path("mesh.case"), path("other.vtu")};
-    if (!case_first) std::ranges::reverse(paths);
-    const auto input = value_of(read_input(paths));
-    EXPECT_THAT(input.attributes, UnorderedElementsAre("f", "U", "U[0]", "U[1]", "U[2]", "q", "t"));
-    const std::size_t part = case_first ? 0 : 1, other = case_first ? 2 : 0;
+  read_beside_other("mesh.case", [](const Input& input, std::size_t part, std::size_t other) {
     EXPECT_THAT(values_in(input, part, "f"), AreMissing());
     EXPECT_THAT(values_in(input, part, "q"), AreMissing());
     EXPECT_THAT(values_in(input, part, "U"), AreThere());
@@ -428,7 +428,7 @@ TEST_F(BlocksTest, EnSightVariablesOfOnePart) {
     EXPECT_THAT(values_in(input, part + 1, "t"), AreMissing());
     EXPECT_THAT(values_in(input, other, "q"), AreMissing());
     EXPECT_THAT(values_in(input, other, "t"), AreThere());
-  }
+  });
 }
 
 TEST_F(BlocksTest, EnSightSurfacesArePatches) {
@@ -442,9 +442,7 @@ TEST_F(BlocksTest, EnSightSurfacesArePatches) {
 
 TEST_F(BlocksTest, EnSightCasesThatCannotBeRead) {
   write_ensight(*this);
-  const std::string whole = read_text_file(path("mesh.case")).value();
-  std::string text = whole;
-  write("a.case", text.replace(text.find("mesh.geo"), 8, "\"mesh.geo\""));
+  write("a.case", replaced(read("mesh.case"), "mesh.geo", "\"mesh.geo\""));
   EXPECT_THAT(error_of("a.case"), HasSubstr("takes no names in quotation marks; remove them: sed"));
 
   // Only the wall, which is a surface.

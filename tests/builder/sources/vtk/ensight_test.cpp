@@ -15,6 +15,7 @@
 #include "base/file.h"
 #include "builder/opening/open_source.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/support/replaced.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
@@ -185,6 +186,12 @@ struct EnsightTest : FolderTest {
     }
   }
 
+  /// Writes a case of one geometry. `lines`: what follows VARIABLE.
+  void write_case_of(const std::string& lines, const std::string& type = "ensight gold") const {
+    write("a.case", "FORMAT\ntype: " + type + "\nGEOMETRY\nmodel: geo\nVARIABLE\n" + lines);
+  }
+  void write_case_of_6(const std::string& lines) const { write_case_of(lines, "ensight"); }
+
   void expect_error_or(const Input& expected, const std::string& name, const std::string& what) {
     const auto input = read_input({path(name)});
     if (!input) {
@@ -277,50 +284,52 @@ TEST_F(EnsightTest, CutFilesOfAllSteps) {
   }
 }
 
+/// Two cells, and a ghost before each.
+std::string ghost_geometry(Encoding encoding) {
+  EnsightText file(encoding);
+  file.kind();
+  for (const char* line : {"two cells, and a ghost before each", "", "node id assign", "element id assign", "part"})
+    file.line(line);
+  file.ints({5});
+  for (const char* line : {"a part", "coordinates"}) file.line(line);
+  file.ints({20});
+  for (std::size_t axis = 0; axis < 3; ++axis)  // four layers of cells above each other
+    file.floats(20, [&](std::size_t i) { return corners[i % 4][axis] + (axis == 2 ? static_cast<double>(i / 4) : 0); });
+  const auto put_cell = [&](const char* type, std::uint32_t layer) {
+    std::vector<std::uint32_t> points(8);
+    std::iota(points.begin(), points.end(), 4 * layer + 1);
+    file.line(type);
+    file.ints({1});
+    file.ints(points, 8);
+  };
+  put_cell("g_hexa8", 0), put_cell("hexa8", 1), put_cell("g_hexa8", 3), put_cell("hexa8", 2);
+  return file.bytes;
+}
+
+std::string ghost_values(Encoding encoding, std::size_t components) {
+  EnsightText file(encoding);
+  for (const char* line : {"values", "part"}) file.line(line);
+  file.ints({5});
+  for (const char* type : {"g_hexa8", "hexa8"}) {
+    file.line(type);
+    for (std::size_t c = 0; c < components; ++c)
+      file.floats(2, [&](std::size_t i) {
+        return (type[0] == 'g' ? 100. : 10. * static_cast<double>(i)) + static_cast<double>(c);
+      });
+  }
+  return file.bytes;
+}
+
+constexpr const char* ghost_variables = "scalar per element: q q\nvector per element: W W\n";
+
 // Ghosts are left out with the points that only they use. VTK's reader fails at their values.
 TEST_F(EnsightTest, GhostElements) {
-  const auto geometry_of = [](Encoding encoding) {
-    EnsightText file(encoding);
-    file.kind();
-    for (const char* line : {"two cells, and a ghost before each", "", "node id assign", "element id assign", "part"})
-      file.line(line);
-    file.ints({5});
-    for (const char* line : {"a part", "coordinates"}) file.line(line);
-    file.ints({20});
-    for (std::size_t axis = 0; axis < 3; ++axis)  // four layers of cells above each other
-      file.floats(20,
-                  [&](std::size_t i) { return corners[i % 4][axis] + (axis == 2 ? static_cast<double>(i / 4) : 0); });
-    const auto put_cell = [&](const char* type, std::uint32_t layer) {
-      std::vector<std::uint32_t> points(8);
-      std::iota(points.begin(), points.end(), 4 * layer + 1);
-      file.line(type);
-      file.ints({1});
-      file.ints(points, 8);
-    };
-    put_cell("g_hexa8", 0), put_cell("hexa8", 1), put_cell("g_hexa8", 3), put_cell("hexa8", 2);
-    return file.bytes;
-  };
-  const auto values_of = [](Encoding encoding, std::size_t components) {
-    EnsightText file(encoding);
-    for (const char* line : {"values", "part"}) file.line(line);
-    file.ints({5});
-    for (const char* type : {"g_hexa8", "hexa8"}) {
-      file.line(type);
-      for (std::size_t c = 0; c < components; ++c)
-        file.floats(2, [&](std::size_t i) {
-          return (type[0] == 'g' ? 100. : 10. * static_cast<double>(i)) + static_cast<double>(c);
-        });
-    }
-    return file.bytes;
-  };
-  write(
-      "a.case",
-      "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per element: q q\nvector per element: W W\n");
+  write_case_of(ghost_variables);
   for (const Encoding encoding : encodings) {
     SCOPED_TRACE(static_cast<int>(encoding));
-    write("geo", geometry_of(encoding));
-    write("q", values_of(encoding, 1));
-    write("W", values_of(encoding, 3));
+    write("geo", ghost_geometry(encoding));
+    write("q", ghost_values(encoding, 1));
+    write("W", ghost_values(encoding, 3));
     const auto input = value_of(read_input({path("a.case")}, {.cells = CellValues::own}));
     EXPECT_THAT(input.attributes, ElementsAre("q", "W", "W[0]", "W[1]", "W[2]"));
     ASSERT_EQ(input.points, 2u);
@@ -331,14 +340,18 @@ TEST_F(EnsightTest, GhostElements) {
     EXPECT_EQ(selected.points, 12u);
     EXPECT_NEAR(selected.volume, 2, 1e-6);
     EXPECT_EQ(selected.census.hidden_points, 8u);
-    write("q", values_of(encoding, 1).substr(0, values_of(encoding, 1).size() - 8));
+    write("q", ghost_values(encoding, 1).substr(0, ghost_values(encoding, 1).size() - 8));
     EXPECT_THAT(
         error_of({path("a.case")}),
         HasSubstr(encoding == Encoding::text ? "q: no line end follows its last line" : "q: the file is cut off"));
   }
+}
+
+TEST_F(EnsightTest, ValuesBesideGhostElements) {
+  write_case_of(ghost_variables);
   const std::string head = "values\npart\n         5\ng_hexa8 undef\n-9\n1\n2\nhexa8 ";
-  write("geo", geometry_of(Encoding::text));
-  write("W", values_of(Encoding::text, 3));
+  write("geo", ghost_geometry(Encoding::text));
+  write("W", ghost_values(Encoding::text, 3));
   const auto values_with = [&](const std::string& text) {
     write("q", head + text);
     const auto input = value_of(read_input({path("a.case")}, {.cells = CellValues::own}));
@@ -358,7 +371,7 @@ TEST_F(EnsightTest, RectilinearBlocksOfEnsight6) {
         "       2       2       2\n 0.00000e+00 1.00000e+00\n 0.00000e+00 1.00000e+00\n 0.00000e+00 1.00000e+00\n");
   write("f", "f\npart 1\nblock\n" + std::string(" 1.00000e+00 1.00000e+00 1.00000e+00 1.00000e+00\n 1.00000e+00") +
                  " 1.00000e+00 1.00000e+00 1.00000e+00\n");
-  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
+  write_case_of_6("scalar per node: f f\n");
   EXPECT_THAT(error_of({path("a.case")}), HasSubstr("write the case as EnSight Gold"));
 }
 
@@ -367,8 +380,8 @@ TEST_F(EnsightTest, ValuesOfAnotherMesh) {
   put_geometry(geometry, 0, false);
   put_variable(values, variables[0], 0);
   write("geo", geometry.bytes);
-  write("f", values.bytes.replace(values.bytes.find("         2"), 10, "         4"));
-  write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
+  write("f", replaced(values.bytes, "         2", "         4"));
+  write_case_of("scalar per node: f f\n");
   EXPECT_THAT(error_of({path("a.case")}), HasSubstr("f: values of part 4, which the geometry lacks"));
 }
 
@@ -379,7 +392,7 @@ struct EnsightNumbers : EnsightTest {
     EnsightText geometry(Encoding::text);
     put_geometry(geometry, 0, false);
     write("geo", geometry.bytes);
-    std::string text = "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\n";
+    std::string text;
     for (const Variable& variable : variables) {
       EnsightText values(Encoding::text);
       put_variable(values, variable, 0);
@@ -387,7 +400,7 @@ struct EnsightNumbers : EnsightTest {
       text += fmt::format("{} per {}: {} {}\n", variable.components == 1 ? "scalar" : "vector",
                           variable.per_element ? "element" : "node", variable.name, variable.name);
     }
-    write("a.case", text);
+    write_case_of(text);
   }
 
   /// Replaces a line of a file. Line 0 is the first.
@@ -539,9 +552,7 @@ TEST_F(EnsightTest, PartsWithoutPoints) {
     write("geo", geometry.bytes);
     write("T", points.bytes);
     write("q", cells.bytes);
-    write(
-        "a.case",
-        "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: T T\nscalar per element: q q\n");
+    write_case_of("scalar per node: T T\nscalar per element: q q\n");
     const Input input = value_of(read_input({path("a.case")}));
     ASSERT_EQ(input.pieces.size(), 2u);
     EXPECT_THAT(input.pieces[0].values.at(0), ElementsAre(0, 1, 2, 3, 4, 5, 6, 7));
@@ -560,9 +571,9 @@ TEST_F(EnsightTest, ComplexVariables) {
   vectors.line("V");
   put_values_of(vectors, 1, "coordinates", 24, 0);
   write("V", vectors.bytes);
-  write("a.case",
-        "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\ncomplex scalar per node: c re im UNDEFINED\n"
-        "complex vector per node: v V V 0.5\n");
+  write_case_of(
+      "complex scalar per node: c re im UNDEFINED\n"
+      "complex vector per node: v V V 0.5\n");
   const Input input = value_of(read_input({path("a.case")}));
   EXPECT_THAT(input.attributes, ElementsAre("c", "c[0]", "c[1]", "v_r", "v_r[0]", "v_r[1]", "v_r[2]", "v_i", "v_i[0]",
                                             "v_i[1]", "v_i[2]"));
@@ -578,12 +589,12 @@ TEST_F(EnsightTest, VariablesOfSeveralTimeSets) {
   for (const int step : {0, 1, 2}) write(fmt::format("a{}", step), one_value(Encoding::text, 10 * step));
   for (const int step : {0, 1}) write(fmt::format("b{}", step), one_value(Encoding::text, 1000 + 10 * step));
   const auto write_case = [&](const std::string& times) {
-    write("a.case",
-          "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: 1 a a*\n"
-          "scalar per node: 2 b b*\nTIME\ntime set: 1\nnumber of steps: 3\nfilename start number: 0\n"
-          "filename increment: 1\ntime values: 0 1 2\ntime set: 2\nnumber of steps: 2\nfilename start number: 0\n"
-          "filename increment: 1\ntime values: " +
-              times + "\n");
+    write_case_of(
+        "scalar per node: 1 a a*\n"
+        "scalar per node: 2 b b*\nTIME\ntime set: 1\nnumber of steps: 3\nfilename start number: 0\n"
+        "filename increment: 1\ntime values: 0 1 2\ntime set: 2\nnumber of steps: 2\nfilename start number: 0\n"
+        "filename increment: 1\ntime values: " +
+        times + "\n");
   };
   const auto first_values = [&](double time) {
     const Input input = value_of(read_input({path("a.case")}, {{}, {}, time}));
@@ -597,8 +608,7 @@ TEST_F(EnsightTest, VariablesOfSeveralTimeSets) {
   write_case("1 2");
   EXPECT_THAT(first_values(0), Pair(0, IsNan())) << "b begins later";
   EXPECT_THAT(first_values(1), Pair(10, 1000));
-  std::string text = read_text_file(path("a.case")).value();
-  write("a.case", text.replace(text.find("2 b b*"), 1, "3"));
+  write("a.case", replaced(read("a.case"), "2 b b*", "3 b b*"));
   EXPECT_THAT(error_of({path("a.case")}), HasSubstr("a.case: the case does not tell which file has b"));
 }
 
@@ -611,11 +621,11 @@ TEST_F(EnsightTest, FileSetsOfSomeFiles) {
   write("T", steps);
   const std::string rest =
       "TIME\ntime set: 1\nnumber of steps: 3\ntime values: 0 1 2\nFILE\nfile set: 1\nnumber of steps: 3\n";
-  write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: 1 1 T T\n" + rest);
+  write_case_of("scalar per node: 1 1 T T\n" + rest);
   for (const double time : {0., 1., 2.})
     EXPECT_EQ(value_of(read_input({path("a.case")}, {{}, {}, time})).pieces.at(0).values.at(0).at(7), 10 * time + 7);
   // EnSight 6 is for VTK's reader alone.
-  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: 1 1 T T\n" + rest);
+  write_case_of_6("scalar per node: 1 1 T T\n" + rest);
   EXPECT_THAT(error_of({path("a.case")}), HasSubstr("names no file set"));
   write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: 1 1 geo\nVARIABLE\nscalar per node: 1 1 T T\n" + rest);
   EXPECT_THAT(error_of({path("a.case")}), HasSubstr("geo: has 0 of the 3 time steps"));
@@ -626,17 +636,17 @@ TEST_F(EnsightTest, SectionsAndListsThatVtkDoesNotKnow) {
   for (const int step : {4, 6}) write(fmt::format("T.{}", step), one_value(Encoding::binary, step));
   write("times", "0.25\n0.5\n");
   write("numbers", "4 6\n");
-  const std::string head = "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: 1 T T.*\n";
-  write("a.case", head +
-                      "MATERIAL\nmaterial set number: 1 mats\nmaterial id count: 2\nmaterial id numbers: 1 2\n"
-                      "material id names: a b\nmaterial id per element: mid\nTIME\ntime set: 1 Model\n"
-                      "number of steps: 2\nfilename numbers file: numbers\ntime values file: times\n");
+  const std::string head = "scalar per node: 1 T T.*\n";
+  write_case_of(head +
+                "MATERIAL\nmaterial set number: 1 mats\nmaterial id count: 2\nmaterial id numbers: 1 2\n"
+                "material id names: a b\nmaterial id per element: mid\nTIME\ntime set: 1 Model\n"
+                "number of steps: 2\nfilename numbers file: numbers\ntime values file: times\n");
   const Input input = value_of(read_input({path("a.case")}, {{}, {}, 0.3}));
   ASSERT_TRUE(input.step.has_value());
   EXPECT_EQ(input.step->time, 0.25);
   EXPECT_THAT(input.pieces.at(0).values.at(0), ElementsAre(4, 5, 6, 7, 8, 9, 10, 11));
   EXPECT_THAT(input.census.losses, ElementsAre(HasSubstr("a.case: the materials of cells are left out")));
-  write("a.case", head + "SURPRISE\n");
+  write_case_of(head + "SURPRISE\n");
   EXPECT_THAT(error_of({path("a.case")}), HasSubstr("the line \"SURPRISE\" is of no kind"));
 }
 
@@ -653,7 +663,7 @@ TEST_F(EnsightTest, BlocksOfMorePointsThanValuesAreRefused) {
     put_values_of(values, 1, "block", 8, 0);
     write("geo", geometry.bytes);
     write("T", values.bytes);
-    write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: T T\n");
+    write_case_of("scalar per node: T T\n");
     EXPECT_THAT(error_of({path("a.case")}), HasSubstr("T: the file is cut off, or damaged: it ends within part 1"));
   }
 }
@@ -661,8 +671,7 @@ TEST_F(EnsightTest, BlocksOfMorePointsThanValuesAreRefused) {
 TEST_F(EnsightTest, VariablesOfOneName) {
   write("geo", one_hexahedron(Encoding::text));
   for (const char* name : {"a", "b"}) write(name, one_value(Encoding::text, 0));
-  write("a.case",
-        "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: T a\nscalar per node: T b\n");
+  write_case_of("scalar per node: T a\nscalar per node: T b\n");
   EXPECT_THAT(error_of({path("a.case")}), HasSubstr("two arrays of its points are called \"T\""));
 }
 
@@ -673,7 +682,7 @@ TEST_F(EnsightTest, PartsOfOneNumber) {
     for (const double first : {0.0, 10.0}) put_values_of(values, 1, "coordinates", 8, first);
     write("geo", one_hexahedron(encoding));
     write("T", values.bytes);
-    write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: T T\n");
+    write_case_of("scalar per node: T T\n");
     EXPECT_THAT(error_of({path("a.case")}), HasSubstr("T: values of part 1 twice"));
     geometry.kind();
     for (const char* line : {"two parts", "", "node id assign", "element id assign"}) geometry.line(line);
@@ -687,7 +696,7 @@ TEST_F(EnsightTest, PartsOfOneNumber) {
 TEST_F(EnsightTest, NamesInLatin1) {
   write("geo", one_hexahedron(Encoding::text));
   write("T", one_value(Encoding::text, 0));
-  write("a.case", "FORMAT\ntype: ensight gold\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: \xe9 T\n");
+  write_case_of("scalar per node: \xe9 T\n");
   for (const std::vector<std::string>& selection : {std::vector<std::string>{}, {"\u00e9"}}) {
     const Input input = value_of(read_input({path("a.case")}, {selection}));
     EXPECT_THAT(input.attributes, ElementsAre("\u00e9"));
@@ -705,23 +714,22 @@ TEST_F(EnsightTest, NumbersOfEnsight6) {
   const std::string values = "f\n 1.00000e+00 2.00000e+00 3.00000e+00 4.00000e+00\n";
   write("geo", geometry);
   write("f", values);
-  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
+  write_case_of_6("scalar per node: f f\n");
   const auto input = value_of(read_input({path("a.case")}));
   EXPECT_THAT(input.pieces.at(0).values.at(0), ElementsAre(1, 2, 3, 4));
-  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: \xe9 f\n");
+  write_case_of_6("scalar per node: \xe9 f\n");
   for (const std::vector<std::string>& selection : {std::vector<std::string>{}, {"\u00e9"}}) {
     const auto in_latin = value_of(read_input({path("a.case")}, {selection}));
     EXPECT_THAT(in_latin.attributes, ElementsAre("\u00e9"));
     EXPECT_THAT(in_latin.pieces.at(0).values.at(0), ElementsAre(1, 2, 3, 4));
     EXPECT_THAT(in_latin.census.losses, IsEmpty());
   }
-  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: f f\n");
-  const auto error_with = [&](const std::string& file, std::string text, const std::string& from,
+  write_case_of_6("scalar per node: f f\n");
+  const auto error_with = [&](const std::string& file, const std::string& text, const std::string& from,
                               const std::string& to) {
-    const std::string whole = text;
-    write(file, text.replace(text.find(from), from.size(), to));
+    write(file, replaced(text, from, to));
     const std::string error = error_of({path("a.case")});
-    write(file, whole);
+    write(file, text);
     return error;
   };
   EXPECT_THAT(error_with("f", values, " 3.00000e+00", "************"), HasSubstr("f: VTK's reader takes zeros"));
@@ -734,7 +742,7 @@ TEST_F(EnsightTest, PartsOfOneNumberInEnsight6) {
   const std::string cell = "tetra4\n       1\n       1       2       3       4\n";
   const std::string points = geometry_of_6.substr(0, geometry_of_6.find("part"));
   const std::string values = "part 1\ntetra4\n 1.00000e+00\n";
-  write("a.case", "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per element: q q\n");
+  write_case_of_6("scalar per element: q q\n");
   write("geo", geometry_of_6);
   write("q", "part 1\n" + values);  // a description that looks like a part
   EXPECT_THAT(value_of(read_input({path("a.case")})).pieces.at(0).values.at(0), Each(1));
@@ -753,10 +761,10 @@ TEST_F(EnsightTest, VariablesOfEnsight6ThatAreNotDeliveredAreNamed) {
   for (const char* name : {"a0", "a1", "a2", "b0", "b1"})
     write(name, "f\n 1.00000e+00 2.00000e+00 3.00000e+00 4.00000e+00\n");
   const std::string numbers = "filename start number: 0\nfilename increment: 1\n";
-  write("a.case",
-        "FORMAT\ntype: ensight\nGEOMETRY\nmodel: geo\nVARIABLE\nscalar per node: 1 a a*\nscalar per node: 2 b b*\n"
-        "TIME\ntime set: 1\nnumber of steps: 3\n" +
-            numbers + "time values: 0 1 2\ntime set: 2\nnumber of steps: 2\n" + numbers + "time values: 0 2\n");
+  write_case_of_6(
+      "scalar per node: 1 a a*\nscalar per node: 2 b b*\n"
+      "TIME\ntime set: 1\nnumber of steps: 3\n" +
+      numbers + "time values: 0 1 2\ntime set: 2\nnumber of steps: 2\n" + numbers + "time values: 0 2\n");
   EXPECT_THAT(value_of(read_input({path("a.case")}, {{}, {}, 1})).census.losses,
               ElementsAre("the reader did not deliver b of " + path("a.case")));
   auto source = value_of(open_source({path("a.case")}, {{}, {}, 1}));

@@ -20,6 +20,7 @@
 #include "tests/builder/sources/vtk/hdf5_arrays.h"
 #include "tests/builder/sources/vtk_text.h"
 #include "tests/builder/support/series_check.h"
+#include "tests/support/replaced.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
@@ -404,9 +405,7 @@ class GmshText {
   void line(const std::string& text) { text_ += text + "\n"; }
   void integer(int value) { put(value); }
   void count(std::uint64_t value) {
-    if (version4_)
-      put(value);
-    else if (binary_)
+    if (binary_ && !version4_)
       put(static_cast<int>(value));
     else
       put(value);
@@ -971,8 +970,7 @@ TEST_F(FormatsTest, Su2LeavesOutOtherEntries) {
   const std::string exchange =
       "MARKER_TAG= SEND_RECEIVE\nMARKER_ELEMS= 2\nSEND_RECV= 1\n1 0 0\n1 1 0\nMARKER_TAG= SEND_RECEIVE\n"
       "MARKER_ELEMS= 1\nSEND_RECV= -1\n1 2 0\n";
-  std::string markers = su2_mesh;
-  markers.replace(markers.find("NMARK= 1"), 8, "NMARK= 3");
+  const std::string markers = replaced(su2_mesh, "NMARK= 1", "NMARK= 3");
   write("restart.csv", su2_restart());
   for (const std::string& mesh :
        {su2_mesh + boxes + periods, markers + exchange + boxes, markers + exchange + periods}) {
@@ -997,9 +995,7 @@ TEST_F(FormatsTest, NumbersOfSu2) {
   EXPECT_EQ(input_of(cells + points, csv)->census.open_ends, 1u) << "of the values";
   for (const auto& [from, to] :
        {std::pair{"0 0 1\n", "0 0 1,5\n"}, {"0 0 1\n", "0 0 1.5D+00\n"}, {"10 0 1 2 3", "10 0 1 2 3,5"}}) {
-    std::string text = cells + points;
-    text.replace(text.find(from), std::string_view(from).size(), to);
-    EXPECT_THAT(error_with(text), HasSubstr("is damaged, cut off or no")) << to;
+    EXPECT_THAT(error_with(replaced(cells + points, from, to)), HasSubstr("is damaged, cut off or no")) << to;
   }
   const std::string last = points + cells;
   EXPECT_TRUE(input_of(last, csv));

@@ -15,6 +15,7 @@
 #include "builder/sources/process/reader_process.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/renderer/surfaces/shapes.h"
+#include "tests/support/replaced.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
@@ -56,6 +57,12 @@ std::vector<SurfaceText> squares() {
        R"("componentType":5123,"count":6,"type":"SCALAR"}],"bufferViews":[{"buffer":0,"byteOffset":0,"byteLength":48},)"
        R"({"buffer":0,"byteOffset":48,"byteLength":12}],"buffers":[{"byteLength":60,"uri":"data:application/)"
        R"(octet-stream;base64,AAAAAAAAAAAAAAAAAAAAQAAAAAAAAAAAAAAAQAAAAEAAAAAAAAAAAAAAAEAAAAAAAAABAAIAAAACAAMA"}]})"}};
+}
+
+/// The text of one of them.
+std::string square_text(std::string_view name) {
+  const auto all = squares();
+  return std::ranges::find(all, name, &SurfaceText::name)->text;
 }
 
 struct SurfaceFiles : FolderTest {
@@ -132,10 +139,8 @@ TEST_F(SurfaceFiles, ThatAreCutOffAreRefused) {
 
 /// The square of squares(), shown by these nodes. The scene shows node 0, and mesh 0 is the square.
 std::string square_shown_by(const std::string& nodes) {
-  const auto all = squares();
-  std::string text = std::ranges::find(all, std::string_view("a.gltf"), &SurfaceText::name)->text;
-  const std::string of_square = R"("nodes":[{"mesh":0,"translation":[0,0,3]}],)";
-  return text.replace(text.find(of_square), of_square.size(), R"("nodes":[)" + nodes + "],");
+  return replaced(square_text("a.gltf"), R"("nodes":[{"mesh":0,"translation":[0,0,3]}],)",
+                  R"("nodes":[)" + nodes + "],");
 }
 
 /// Nodes that each show the next one twice, and the last the square.
@@ -154,8 +159,7 @@ TEST_F(SurfaceFiles, ThatShowTheirPartsTooOftenAreRefused) {
         << count;
   EXPECT_THAT(error_of(write("a.gltf", square_shown_by(doublings(30)))), HasSubstr("1.07e+09 parts"));
   // Nodes without a mesh take as long.
-  std::string empty = doublings(30);
-  empty.replace(empty.find("\"mesh\":0"), 8, "");
+  const std::string empty = replaced(doublings(30), "\"mesh\":0", "");
   EXPECT_THAT(error_of(write("a.gltf", square_shown_by(empty))), HasSubstr("nodes with 0 parts"));
   const std::string json = square_shown_by(doublings(30));
   const auto size = static_cast<std::uint32_t>(json.size());
@@ -225,20 +229,19 @@ TEST_F(SurfaceFiles, ThatEndWithANumberAreTold) {
     return mesh->open_end;
   };
   for (const auto& [name, text] : squares()) EXPECT_FALSE(open_end(name, text)) << name;
-  const auto all = squares();
   for (const char* name : {"a.obj", "a.ply"}) {
-    const std::string& text = std::ranges::find(all, std::string_view(name), &SurfaceText::name)->text;
+    const std::string text = square_text(name);
     EXPECT_TRUE(open_end(name, text.substr(0, text.size() - 1))) << name;
     EXPECT_FALSE(open_end(name, text.substr(0, text.size() - 1) + "\r\n")) << name;
   }
   EXPECT_FALSE(open_end("a.obj", "v 0 0 3\nv 2 0 3\nv 2 2 3\nf 1 2 3\n# the end"));
-  EXPECT_FALSE(open_end("a.stl", all.front().text.substr(0, all.front().text.size() - 1)));
+  const std::string solid = square_text("a.stl");
+  EXPECT_FALSE(open_end("a.stl", solid.substr(0, solid.size() - 1)));
 }
 
 // VTK's reader takes the first elements for vertices and faces, loses long lines and counts corners in a byte.
 TEST_F(SurfaceFiles, OfPlyThatVtkMisreadsAreRefused) {
-  const auto all = squares();
-  const std::string& text = std::ranges::find(all, std::string_view("a.ply"), &SurfaceText::name)->text;
+  const std::string text = square_text("a.ply");
   const std::string material = "element material 1\nproperty float r\nproperty float g\nproperty float b\n";
   const auto changed = [&](std::vector<std::pair<std::string, std::string>> insertions) {
     std::string all_of_it = text;
@@ -257,9 +260,7 @@ TEST_F(SurfaceFiles, OfPlyThatVtkMisreadsAreRefused) {
               HasSubstr("a line is longer"));
   std::string corners = "257";
   for (int i = 0; i < 257; ++i) corners += fmt::format(" {}", i % 4);
-  std::string wide = text;
-  wide.replace(wide.find("list uchar"), 10, "list int");
-  wide.replace(wide.find("4 0 1 2 3"), 9, corners);
+  const std::string wide = replaced(replaced(text, "list uchar", "list int"), "4 0 1 2 3", corners);
   EXPECT_THAT(error_of(write("a.ply", wide)), HasSubstr("more than 255 corners"));
 }
 
@@ -280,8 +281,7 @@ TEST_F(SurfaceFiles, ThatLieAreRefused) {
         std::tuple{"a.vtk", "4 0 1 2 3", "4 0 1 2 300000000"}, std::tuple{"a.vtp", "0 1 2 3", "0 1 2 300000000"},
         std::tuple{"a.ply", "vertex 4", "vertex 2000000000"}, std::tuple{"a.vtk", "POINTS 4", "POINTS 2000000000"},
         std::tuple{"a.gltf", "\"count\":4", "\"count\":2000000000"}}) {
-    const auto all = squares();
-    std::string text = std::ranges::find(all, std::string_view(name), &SurfaceText::name)->text;
+    std::string text = square_text(name);
     ASSERT_NE(text.find(from), std::string::npos) << name;
     text.replace(text.rfind(from), std::string_view(from).size(), to);
     EXPECT_THAT(error_of(write(name, text)), StartsWith(path(name) + ": ")) << to;

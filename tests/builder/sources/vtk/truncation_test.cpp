@@ -22,6 +22,7 @@
 
 #include "base/file.h"
 #include "tests/builder/sources/read_input.h"
+#include "tests/support/replaced.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
@@ -240,9 +241,7 @@ TEST_F(TruncationTest, LegacyCellsMustFitTogether) {
       "CELLS 1 34\n33 8 3 0 2 4 3 2 1 4 3 1 3 4 3 3 0 4 3 2 0 5 3 1 2 5 3 3 1 5 3 0 3 5\nCELL_TYPES 1\n42\n";
   const std::string tetrahedron = "CELLS 1 5\n4 0 2 4 1\nCELL_TYPES 1\n10\n";
   const auto error_with = [&](const std::string& from, const std::string& to) {
-    std::string text = head + points + tetrahedron + data;
-    text.replace(text.find(from), from.size(), to);
-    return error_of({write("a.vtk", text)});
+    return error_of({write("a.vtk", replaced(head + points + tetrahedron + data, from, to))});
   };
   EXPECT_EQ(error_with("title", "any"), "(no error)");
   EXPECT_EQ(error_of({write("a.vtk", head + points + octahedron + data)}), "(no error)");
@@ -266,11 +265,7 @@ TEST_F(TruncationTest, XmlArraysMustFitTheirPiece) {
     writer->SetFileName(name.c_str());
     writer->SetInputData(sample.data);
     EXPECT_TRUE(writer->Write());
-    std::string text = read_text_file(name).value();
-    const std::size_t at = text.find(from);
-    EXPECT_NE(at, std::string::npos) << from;
-    if (at != std::string::npos) text.replace(at, from.size(), to);
-    return error_of({write("a." + sample.extension, text)});
+    return error_of({write("a." + sample.extension, replaced(read_text_file(name).value(), from, to))});
   };
   EXPECT_EQ(error_with(all[3], "NumberOfCells=\"27\"", "NumberOfCells=\"27\""), "(no error)");
   EXPECT_THAT(error_with(all[3], "NumberOfCells=\"27\"", "NumberOfCells=\"22\""),

@@ -1,11 +1,10 @@
-#include "scene/isovalue.h"
-
-#include <fmt/format.h>
+#include "scene/shells.h"
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
+#include <optional>
 #include <utility>
+#include <vector>
 
 namespace splatvol {
 namespace {
@@ -15,17 +14,6 @@ constexpr double usual_width = 0.02;  // of the domain
 // Optical depth of a shell if the value runs through its domain over the data's size. A shell is still opaque if the
 // value changes a hundred times as fast: a translucent one would show the splats.
 constexpr double usual_depth = 200;
-
-// Returns the number with the fewest digits that is accepted: what was meant, without the rounding of t. Else the
-// number itself.
-template <class Accept>
-double shortest(double number, const Accept& accept) {
-  for (int digits = 1; digits <= 17; ++digits) {
-    const double rounded = std::strtod(fmt::format("{:.{}g}", number, digits).c_str(), nullptr);
-    if (accept(rounded)) return rounded;
-  }
-  return number;
-}
 
 // A shell in t, and what it adds to a function.
 struct Shell {
@@ -83,56 +71,6 @@ void add_shell(TransferFunction& function, const Shell& shell) {
 }
 
 }  // namespace
-
-std::vector<TransferFunction::Density> densities_of(const TransferFunction& function, const Isovalue& isovalue) {
-  const auto t_of = [&](double value) { return std::clamp(function.t_of(value), 0.0, 1.0); };
-  const double t = t_of(isovalue.value);
-  const double low = std::min(t_of(isovalue.value - 0.5 * isovalue.width), t);
-  const double high = std::max(t_of(isovalue.value + 0.5 * isovalue.width), t);
-  return {{0, 0}, {low, 0}, {t, isovalue.density}, {high, 0}, {1, 0}};
-}
-
-std::optional<Isovalue> isovalue_of(const TransferFunction& function) {
-  const auto& points = function.densities;
-  if (points.size() != 5 || points[0].t != 0 || points[4].t != 1) return {};
-  for (const std::size_t i : {0, 1, 3, 4})
-    if (points[i].extinction != 0) return {};
-  const double value =
-      shortest(function.value_at(points[2].t), [&](double near) { return function.t_of(near) == points[2].t; });
-  const double below = value - function.value_at(points[1].t), above = function.value_at(points[3].t) - value;
-  // A side that ends with the domain tells nothing.
-  const double half = points[1].t == 0 ? above : points[3].t == 1 ? below : 0.5 * (below + above);
-  if (!(half > 0)) return {};
-  const double width = shortest(2 * half, [&](double near) {
-    return densities_of(function, {value, near, points[2].extinction}) == points;
-  });
-  return Isovalue{value, width, points[2].extinction};
-}
-
-Isovalue fitting_isovalue(const TransferFunction& function, double value, std::optional<double> width, double size) {
-  Isovalue isovalue{value, 0, 0};
-  const double t = std::clamp(function.t_of(value), 0.0, 1.0);
-  const double low = std::max(t - 0.5 * usual_width, 0.0), high = std::min(t + 0.5 * usual_width, 1.0);
-  isovalue.width = width ? *width : (function.value_at(high) - function.value_at(low)) * usual_width / (high - low);
-  const auto points = densities_of(function, isovalue);
-  const double share = std::max(points[3].t - points[1].t, 1e-9);
-  isovalue.density = 2 * usual_depth / (share * size);
-  return isovalue;
-}
-
-Status show_isovalue(Scene& scene, double value, std::optional<double> width, double size) {
-  TransferFunction& function = scene.transfer_function;
-  if (function.axis == ValueAxis::log && !(value > 0))
-    return fail(ErrorCode::invalid_argument, "isovalue: {} is not above 0, which the axis log needs", value);
-  const double span = std::max(function.hi, value) - std::min(function.lo, value);
-  const double half = 0.5 * width.value_or(usual_width * span);
-  if (value > function.hi) function.hi = value + half;
-  if (value < function.lo)
-    function.lo = function.axis == ValueAxis::log ? std::max(value - half, 0.5 * value) : value - half;
-  function.densities = densities_of(function, fitting_isovalue(function, value, width, size));
-  if (!scene.lighting) scene.lighting = Lighting();
-  return {};
-}
 
 Scene with_shells(const Scene& scene, double size) {
   constexpr double usual_passes = 10;  // of the domain, over the data

@@ -1,4 +1,4 @@
-#include "player/rung.h"
+#include "player/recipe.h"
 
 #include <algorithm>
 #include <array>
@@ -17,8 +17,8 @@ constexpr std::array ends = {std::pair{4, std::uint64_t{23170}}, std::pair{2, st
 
 }  // namespace
 
-std::vector<Rung> rungs_of_splats(const Choices& choices) {
-  std::vector<Rung> rungs;
+std::vector<Recipe> ladder_of_splats(const Choices& choices) {
+  std::vector<Recipe> rungs;
   if (!choices.has_splats) return rungs;
   std::uint64_t before = 0;
   for (int step = 0; rungs.empty() || before < choices.points; ++step) {
@@ -29,7 +29,8 @@ std::vector<Rung> rungs_of_splats(const Choices& choices) {
       const int spacing = std::clamp(usual_spacing, choices.finest_spacing, choices.widest_spacing);
       const bool is_here = (splats >= begin || splats == choices.points) && splats <= end;
       begin = end;
-      if (is_here && (rungs.empty() || rungs.back() != Rung{splats, spacing})) rungs.push_back({splats, spacing});
+      const Recipe rung = Recipe::of_splats(splats, spacing);
+      if (is_here && (rungs.empty() || rungs.back() != rung)) rungs.push_back(rung);
     }
     before = splats;
   }

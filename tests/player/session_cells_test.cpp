@@ -13,40 +13,30 @@
 #include "base/file.h"
 #include "format/volume.h"
 #include "pictures/image.h"
-#include "player/session.h"
 #include "renderer/reference/reference.h"
-#include "tests/builder/support/built_mesh.h"
-#include "tests/support/results.h"
-#include "tests/viewer/viewer_fixture.h"
-#include "viewer/probe.h"
+#include "tests/player/session_fixture.h"
+#include "tests/player/waves.h"
 
 namespace splatvol::test {
 namespace {
 
-double waves(dvec3 p) { return double{static_cast<float>(p.x + 0.3 * std::sin(8 * p.y))}; }
+struct ExactAtRest : SessionFixture {
+  ExactAtRest() : SessionFixture(120, 90) { settings.works_aside = false; }
 
-struct ExactAtRest : FolderTest {
-  static void build(const Mesh& mesh, const std::string& path, bool keeps_cells = true) {
-    build_mesh(mesh, waves, path, {.exact = {.positions = true, .values = true}, .keep_cells = keeps_cells});
+  void build(const Mesh& mesh, const std::string& name = "m.svol", bool keeps_cells = true) const {
+    build_mesh(mesh, waves, path(name), {.exact = {.positions = true, .values = true}, .keep_cells = keeps_cells});
   }
-  static ViewSettings on_processor() {
-    return {.device = Device::cpu, .in_current_context = false, .works_aside = false};
-  }
-  [[nodiscard]] std::unique_ptr<Session> open(const ViewSettings& settings, const std::string& name = "m.svol") const {
-    return value_of(Session::open(path(name), "", settings, host));
-  }
-  void draw(Session& session, double seconds = long_time) const {
-    ASSERT_EQ(message_of(session.draw(width_, height_, seconds)), "");
+  [[nodiscard]] std::unique_ptr<Session> open(const std::string& name = "m.svol") const {
+    return SessionFixture::open(path(name));
   }
   Image settled(Session& session) const {
     std::uint64_t segments = 0;
-    for (int frames = 0; frames == 0 || (!session.is_settled() && frames < 10000); ++frames) {
+    do {
       draw(session);
       if (!session.exact() || !session.scene.contours.empty()) continue;  // blocks with edges have all samples
       EXPECT_GE(session.exact()->segments, segments) << "the picture sharpens";
       segments = session.exact()->segments;
-    }
-    EXPECT_TRUE(session.is_settled());
+    } while (!session.is_settled());  // ends by the test's time limit
     return value_of(session.image());
   }
   static Image truth(const Mesh& mesh, const Scene& scene) {
@@ -54,18 +44,21 @@ struct ExactAtRest : FolderTest {
     const std::vector<std::array<std::uint32_t, 4>> tetrahedra(mesh.tetrahedra.begin(), mesh.tetrahedra.end());
     return value_of(render_reference({mesh.points, values, tetrahedra}, scene)).image;
   }
+  static double light_of(const Image& picture) {
+    dvec3 sum(0);
+    for (const vec4& pixel : picture.pixels) sum += dvec3(pixel);
+    return sum.x + sum.y + sum.z;
+  }
   static double difference(const Image& a, const Image& b) { return compare_images(a, b).value().rmse; }
 
-  int width_ = 120, height_ = 90;
   const Mesh mesh_ = jittered(12, 0.2);
 };
 
 TEST_F(ExactAtRest, IsThePictureOfTheReference) {
-  build(mesh_, path("m.svol"));
+  build(mesh_);
   for (const bool hurries : {true, false}) {
-    ViewSettings settings = on_processor();
     settings.hurries = hurries;
-    const auto session = open(settings);
+    const auto session = open();
     const Image first = settled(*session);
     EXPECT_LE(difference(first, truth(mesh_, session->scene)), 1e-4);
     ASSERT_TRUE(session->exact());
@@ -80,46 +73,14 @@ TEST_F(ExactAtRest, IsThePictureOfTheReference) {
   }
 }
 
-TEST_F(ExactAtRest, ProbesHaveTheMeshsOwnValues) {
-  build(mesh_, path("m.svol"));
-  build(mesh_, path("without.svol"), false);
-  const auto session = open(on_processor());
-  settled(*session);
-  const auto cells = value_of(ProbedCells::open(session->steps(), 0, "value"));
-  ASSERT_TRUE(cells);
-  const Looking looking = looking_through(session->view(), 0.5 * width_, 0.5 * height_);
-  auto probe = ProbedFrame(session->frame()->list, session->units())
-                   .probe({session->drawn_scene().transfer_function, nullptr}, looking);
-  ASSERT_TRUE(probe);
-  cells->take_values(looking.ray, *probe);
-  const std::vector<double> values = test::sample(mesh_, waves);
-  EXPECT_NEAR(probe->value, value_in(mesh_, values, probe->position), 1e-9);
-  std::size_t inside = 0;
-  for (std::size_t i = 0; i < probe->samples.size(); i += 8) {
-    const Probe::Sample& sample = probe->samples[i];
-    const double expected = value_in(mesh_, values, looking.ray.origin + sample.distance * looking.ray.direction);
-    EXPECT_EQ(std::isnan(sample.value), std::isnan(expected)) << i;
-    EXPECT_TRUE(std::isnan(expected) || std::abs(sample.value - expected) < 1e-9) << i;
-    inside += std::isnan(expected) ? 0 : 1;
-  }
-  EXPECT_GT(inside, 16);
-  EXPECT_FALSE(value_of(ProbedCells::open(open(on_processor(), "without.svol")->steps(), 0, "value")));
-}
-
 // Exact pictures move, with samples some pixels apart, and exact ones follow at rest. No splats come between.
 TEST_F(ExactAtRest, MovesExactly) {
   const Mesh mesh = jittered(24, 0.2);  // of several nodes
-  build(mesh, path("m.svol"));
-  ViewSettings settings = on_processor();
+  build(mesh);
   settings.moving.seconds = 10;  // however slow the machine is at the moment
-  const auto session = open(settings);
+  const auto session = open();
   settled(*session);
   const std::uint64_t serial = session->frame()->serial;
-  const auto light_of = [](const Image& picture) {
-    dvec3 sum(0);
-    for (const vec4& pixel : picture.pixels) sum += dvec3(pixel);
-    return sum.x + sum.y + sum.z;
-  };
   for (int step = 0; step < 3; ++step) {
     session->scene.camera.position += dvec3(0.05);
     draw(*session, 0.001);
@@ -152,12 +113,11 @@ TEST_F(ExactAtRest, MovesExactly) {
 
 // Splats have none: whoever asks for splats sees contours at rest all the same.
 TEST_F(ExactAtRest, HasContours) {
-  build(mesh_, path("m.svol"));
-  build(mesh_, path("points.svol"), false);
-  ViewSettings settings = on_processor();
-  settings.most_exact_segments = 0;
-  settings.quality = {.tolerance_percent = 1};
-  const auto session = open(settings);
+  build(mesh_);
+  build(mesh_, "points.svol", false);
+  const auto session = open();
+  session->settings.most_exact_segments = 0;
+  session->settings.quality = {.tolerance_percent = 1};
   settled(*session);
   EXPECT_FALSE(session->exact());
   session->scene.contours = {{.values = {0.3}, .opacity = 0.5}, {.values = {0.6}, .color = dvec3(1, 1, 0)}};
@@ -172,7 +132,7 @@ TEST_F(ExactAtRest, HasContours) {
   EXPECT_TRUE(session->troubles().empty());
 
   // They move, too, unless the machine has no time for it.
-  const auto mover = open(on_processor());
+  const auto mover = open();
   mover->scene.contours = session->scene.contours;
   settled(*mover);
   mover->scene.camera.position += dvec3(0.05);
@@ -181,7 +141,7 @@ TEST_F(ExactAtRest, HasContours) {
     EXPECT_LE(difference(value_of(mover->image()), truth(mesh_, mover->scene)), 0.05);
   }
 
-  const auto without = open(on_processor(), "points.svol");
+  const auto without = open("points.svol");
   without->scene.contours = session->scene.contours;
   settled(*without);
   ASSERT_EQ(without->troubles().size(), 1u);
@@ -189,11 +149,10 @@ TEST_F(ExactAtRest, HasContours) {
 }
 
 TEST_F(ExactAtRest, IsWhatASceneAsksFor) {
-  build(mesh_, path("m.svol"));
-  build(mesh_, path("points.svol"), false);
-  ViewSettings settings = on_processor();
-  settings.most_exact_segments = 1000;
-  const auto session = open(settings);
+  build(mesh_);
+  build(mesh_, "points.svol", false);
+  const auto session = open();
+  session->settings.most_exact_segments = 1000;
   settled(*session);
   EXPECT_FALSE(session->exact());
   EXPECT_FALSE(session->used_scene().use.quality.exact);
@@ -204,7 +163,7 @@ TEST_F(ExactAtRest, IsWhatASceneAsksFor) {
   EXPECT_TRUE(session->used_scene().use.quality.exact);
   EXPECT_FALSE(session->used_scene().use.quality.max_error);
 
-  const auto without = open(on_processor(), "points.svol");
+  const auto without = open("points.svol");
   ASSERT_EQ(message_of(without->use({.quality = {.exact = true}})), "");
   settled(*without);
   ASSERT_EQ(without->troubles().size(), 1u);
@@ -212,8 +171,8 @@ TEST_F(ExactAtRest, IsWhatASceneAsksFor) {
 }
 
 TEST_F(ExactAtRest, HasTheSamplingOfAScene) {
-  build(mesh_, path("m.svol"));
-  const auto session = open(on_processor());
+  build(mesh_);
+  const auto session = open();
   const Image whole = settled(*session);
   for (const int spacing : {6, 3}) {
     ASSERT_EQ(message_of(session->use({.drawing = {.sample_spacing = spacing}})), "");
@@ -225,9 +184,9 @@ TEST_F(ExactAtRest, HasTheSamplingOfAScene) {
 }
 
 TEST_F(ExactAtRest, IsGivenUpForAChange) {
-  build(jittered(24, 0.2), path("m.svol"));
-  width_ = 600, height_ = 450;
-  const auto session = open(on_processor());
+  build(jittered(24, 0.2));
+  width = 600, height = 450;
+  const auto session = open();
   const Image whole = settled(*session);
   const Camera camera = session->scene.camera;
   int given_up = 0;
@@ -235,7 +194,7 @@ TEST_F(ExactAtRest, IsGivenUpForAChange) {
     session->scene.camera.position += dvec3(0.01);
     draw(*session, 0.001);
     const auto is_being_drawn = [&] {
-      return session->is_drawing() && session->refinement() && session->refinement()->is_done();
+      return session->is_drawing() && session->refinement() && session->refinement()->has_all_splats();
     };
     for (int frames = 0; !is_being_drawn() && !session->is_settled() && frames < 10000; ++frames) draw(*session);
     given_up += session->is_drawing() ? 1 : 0;
@@ -252,15 +211,14 @@ TEST_F(ExactAtRest, IsGivenUpForAChange) {
 }
 
 TEST_F(ExactAtRest, NeedsCellsAndFewSegments) {
-  build(mesh_, path("m.svol"));
-  build(mesh_, path("points.svol"), false);
-  const auto without = open(on_processor(), "points.svol");
+  build(mesh_);
+  build(mesh_, "points.svol", false);
+  const auto without = open("points.svol");
   const Image splats = settled(*without);
   EXPECT_FALSE(without->exact());
 
-  ViewSettings settings = on_processor();
-  settings.most_exact_segments = 1000;
-  const auto session = open(settings);
+  const auto session = open();
+  session->settings.most_exact_segments = 1000;
   session->scene = without->scene;  // its own camera shows all cells
   EXPECT_EQ(compare_images(settled(*session), splats)->max, 0);
   EXPECT_FALSE(session->exact());
@@ -281,7 +239,7 @@ TEST_F(ExactAtRest, NeedsCellsAndFewSegments) {
 }
 
 TEST_F(ExactAtRest, FailsOnce) {
-  build(mesh_, path("m.svol"));
+  build(mesh_);
   std::string bytes = *read_text_file(path("m.svol"));
   const auto volume = *format::Volume::open(*open_file(path("m.svol")));
   const auto cells = std::ranges::find(volume->sections(), format::SectionKind::cells, &format::SectionEntry::kind);
@@ -289,10 +247,10 @@ TEST_F(ExactAtRest, FailsOnce) {
   bytes[cells->offset + cells->packed_bytes / 2] ^= 0x55;
   std::ofstream(path("damaged.svol"), std::ios::binary) << bytes;
 
-  ViewSettings settings = on_processor();
-  settings.most_exact_segments = 0;
-  const Image splats = settled(*open(settings));
-  const auto session = open(on_processor(), "damaged.svol");
+  const auto of_splats = open();
+  of_splats->settings.most_exact_segments = 0;
+  const Image splats = settled(*of_splats);
+  const auto session = open("damaged.svol");
   for (int tries = 0; tries < 2; ++tries) {
     EXPECT_EQ(compare_images(settled(*session), splats)->max, 0);
     EXPECT_FALSE(session->exact());
@@ -305,34 +263,14 @@ TEST_F(ExactAtRest, FailsOnce) {
 }
 
 TEST_F(ExactAtRest, HasTheLightOfFewerSamples) {
-  build(mesh_, path("m.svol"));
+  build(mesh_);
   const auto player = value_of(Player::open(path("m.svol"), std::nullopt, {.device = Device::cpu}));
   const auto light = [&](int spacing) {
-    EXPECT_EQ(message_of(player->draw_exact({}, spacing)), "");
-    dvec3 sum(0);
-    for (const vec4& pixel : value_of(player->image()).pixels) sum += dvec3(pixel);
-    return sum.x + sum.y + sum.z;
+    EXPECT_EQ(message_of(player->draw(Recipe::of_cells(spacing))), "");
+    return light_of(value_of(player->image()));
   };
   const double exact = light(1);
   for (const int spacing : {2, 4}) EXPECT_NEAR(light(spacing) / exact, 1, 0.01) << spacing;
-}
-
-// Where a graphics card draws what moves, the processor draws the picture at rest, and the window shows it.
-class ExactViewer : public ViewerFixture {};
-
-TEST_F(ExactViewer, ShowsTheProcessorsPicture) {
-  build_mesh(jittered(12, 0.2), waves, path("m.svol"), {.keep_cells = true});
-  std::vector<Image> screens;
-  for (const Device device : {Device::gl, Device::cpu}) {
-    resize(300, 200);
-    open({.volume = path("m.svol"), .settings = {.device = device}});
-    settle();
-    EXPECT_TRUE(viewer->session()->exact());
-    press(key::tab);  // without the panel
-    settle();
-    screens.push_back(screen());
-  }
-  EXPECT_LE(compare_images(screens[0], screens[1])->max, 0.02);
 }
 
 }  // namespace

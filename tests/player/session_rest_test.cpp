@@ -1,6 +1,4 @@
 // The picture of a file at rest, and how it gets finer.
-#include "player/session.h"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -13,45 +11,24 @@
 #include "base/file.h"
 #include "format/volume.h"
 #include "renderer/cpu/srgb_bytes.h"
-#include "tests/builder/support/built_mesh.h"
-#include "tests/support/results.h"
-#include "tests/viewer/viewer_fixture.h"
-#include "viewer/probe.h"
+#include "tests/player/session_fixture.h"
 
 namespace splatvol::test {
 namespace {
 
 // A file with more points than are drawn at once.
-struct SessionAtRest : testing::Test {
+struct SessionAtRest : SessionFixture {
   static void SetUpTestSuite() {
     folder.emplace();
     const auto waves = [](dvec3 p) { return std::sin(20 * p.x) * std::cos(17 * p.y) + std::sin(9 * p.z); };
-    build_mesh(lattice(84), waves, path());
+    build_mesh(lattice(84), waves, folder->path("m.svol"));
   }
   static void TearDownTestSuite() { folder.reset(); }
 
-  static std::string path() { return folder->path("m.svol"); }
-
-  static std::unique_ptr<Session> open(const ViewSettings& settings) {
-    auto session = Session::open(path(), "", settings, host);
-    EXPECT_TRUE(session) << session.error().message;
-    return std::move(*session);
-  }
-  static ViewSettings on_processor() { return {.device = Device::cpu, .in_current_context = false}; }
-  static void draw(Session& session, double seconds = long_time) {
-    ASSERT_EQ(message_of(session.draw(200, 150, seconds)), "");
-  }
-  static Image settled(Session& session) {
-    int frames = 0;
-    do {
-      draw(session);
-    } while (!session.is_settled() && ++frames < 10000);
-    EXPECT_TRUE(session.is_settled());
-    return session.image().value();
-  }
+  [[nodiscard]] std::unique_ptr<Session> open() const { return SessionFixture::open(folder->path("m.svol")); }
 
   // Waits for what a job fits.
-  static void fitted(Session& session) {
+  void fitted(Session& session) const {
     while (session.is_fitting()) {
       draw(session);
       std::this_thread::yield();
@@ -62,15 +39,13 @@ struct SessionAtRest : testing::Test {
 };
 
 TEST_F(SessionAtRest, HasTheWantedError) {
-  ViewSettings exact = on_processor();
-  exact.quality.tolerance_percent = 0;
-  const auto of_all = open(exact);
+  settings.quality.tolerance_percent = 0;
+  const auto of_all = open();
   const Image all = settled(*of_all);
   EXPECT_EQ(of_all->frame()->splats, of_all->info().point_count());
   for (const double error : {0.02, 0.005, default_max_error}) {
-    ViewSettings settings = on_processor();
-    settings.quality.max_error = error;
-    const auto session = open(settings);
+    settings.quality = {.max_error = error};
+    const auto session = open();
     const Image image = settled(*session);
     EXPECT_LE(compare_images(image, all)->rmse, 1.25 * error);
     EXPECT_TRUE(session->refinement()->has_reached());
@@ -79,7 +54,7 @@ TEST_F(SessionAtRest, HasTheWantedError) {
 }
 
 TEST_F(SessionAtRest, HasTheSplatsOrTheResolutionOfAScene) {
-  const auto session = open(on_processor());
+  const auto session = open();
   const Drawing drawing{.kernel = KernelKind::moments, .sort = SortMode::axis, .sample_spacing = 2};
   for (const Quality& quality : {Quality{.max_splats = 5000}, Quality{.resolution = 1}}) {
     ASSERT_TRUE(session->use({.quality = quality, .drawing = drawing}));
@@ -98,9 +73,9 @@ TEST_F(SessionAtRest, HasTheSplatsOrTheResolutionOfAScene) {
 }
 
 TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
-  ViewSettings settings = on_processor();
   settings.quality.max_error = 1e-4;
-  const auto session = open(settings);
+  settings.moving.max_error = 1;  // the first picture at rest is about as fine as what moves
+  const auto session = open();
   settled(*session);
   const std::uint64_t finest = session->frame()->splats;
   session->scene.camera.position += 0.1 * (session->scene.camera.position - session->scene.camera.focal_point);
@@ -131,14 +106,14 @@ TEST_F(SessionAtRest, SharpensAndIsInterrupted) {
 
 // A picture that took a while is shown, though the next one is being drawn by then.
 TEST_F(SessionAtRest, EachPictureIsShown) {
-  ViewSettings settings = on_processor();
   settings.quality.max_error = 1e-4;
-  const auto session = open(settings);
+  width = 600, height = 450;
+  const auto session = open();
   std::vector<std::uint8_t> before, last;
   Detail detail;
   int pictures = 0;
   for (int frames = 0; !session->is_settled() && frames < 10000; ++frames) {
-    ASSERT_TRUE(session->draw(600, 450, long_time));
+    draw(*session);
     const Result<ShownPicture> picture = session->shown_picture();
     ASSERT_TRUE(picture) << picture.error().message;
     ASSERT_TRUE(picture->encoded);
@@ -156,7 +131,7 @@ TEST_F(SessionAtRest, EachPictureIsShown) {
 
 // Only what is round the picture changes: it is laid over another background, and not drawn again.
 TEST_F(SessionAtRest, AnotherBackgroundIsShownAtOnce) {
-  const auto session = open(on_processor());
+  const auto session = open();
   settled(*session);
   const std::uint64_t serial = session->frame()->serial;
   for (const dvec3& background : {dvec3(0), dvec3(1, 0, 1)}) {
@@ -174,7 +149,7 @@ TEST_F(SessionAtRest, AnotherBackgroundIsShownAtOnce) {
 
 // The window shows the outline as saved pictures do, and as soon as it is switched on.
 TEST_F(SessionAtRest, TheOutlineIsBehindTheVolume) {
-  const auto session = open(on_processor());
+  const auto session = open();
   session->scene.outline = false;
   for (auto& density : session->scene.transfer_function.densities) density.extinction = 1e6;
   const Image picture = settled(*session);
@@ -198,7 +173,7 @@ TEST_F(SessionAtRest, TheOutlineIsBehindTheVolume) {
 }
 
 TEST_F(SessionAtRest, ColoursAreSpreadAndTakenBack) {
-  const auto session = open(on_processor());
+  const auto session = open();
   settled(*session);
   Scene& scene = session->scene;
   scene.transfer_function.lo = -10, scene.transfer_function.hi = 10;
@@ -217,7 +192,7 @@ TEST_F(SessionAtRest, ColoursAreSpreadAndTakenBack) {
 }
 
 TEST_F(SessionAtRest, TheAxisThatIsUpStays) {
-  const auto session = open(on_processor());
+  const auto session = open();
   settled(*session);
   EXPECT_EQ(session->up_axis(), 1);
   session->choose_up(2);
@@ -229,57 +204,30 @@ TEST_F(SessionAtRest, TheAxisThatIsUpStays) {
   EXPECT_EQ(session->up_axis(), 2);
 }
 
-// What the HUD tells of a picture that was drawn aside fits into it a frame after the picture has come.
-TEST_F(SessionAtRest, AFrameFollowsTheLastPicture) {
-  constexpr int width = 400, height = 300;
-  ASSERT_TRUE(shared_context());
-  ByteTarget target;
-  ASSERT_TRUE(target.resize(width, height));
-  ViewerOptions options{.volume = path(), .settings = {.device = Device::cpu}};
-  options.settings.quality.tolerance_percent = 0;
-  const auto viewer = Viewer::create(options).value();
-  std::vector<Event> events{WindowResized{width, height, width, height, 1}};
-  for (int frames = 0; !viewer->session()->is_settled() && frames < 10000; ++frames) {
-    target.use();
-    ASSERT_TRUE(viewer->frame({long_time, std::exchange(events, {})}));
-    EXPECT_FALSE(viewer->is_settled());
-  }
-}
-
 // Pictures at rest are drawn aside, and given up if the view changes.
 TEST_F(SessionAtRest, NobodyWaitsForAPicture) {
-  ViewSettings settings = on_processor();
   settings.quality.tolerance_percent = 0;
-  const auto session = open(settings);
-  const auto draw_large = [&](double seconds) { ASSERT_EQ(message_of(session->draw(900, 700, seconds)), ""); };
-  const auto settle = [&] {
-    int frames = 0;
-    do {
-      draw_large(long_time);
-    } while (!session->is_settled() && ++frames < 10000);
-    return session->image().value();
-  };
-  const Image whole = settle();
+  width = 900, height = 700;
+  const auto session = open();
+  const Image whole = settled(*session);
   const Camera camera = session->scene.camera;
   int given_up = 0;
   for (int tries = 0; tries < 20; ++tries) {
     session->scene.camera.position += dvec3(0.01);
-    draw_large(0.001);
-    for (int frames = 0; !session->is_drawing() && !session->is_settled() && frames < 10000; ++frames)
-      draw_large(long_time);
+    draw(*session, 0.001);
+    for (int frames = 0; !session->is_drawing() && !session->is_settled() && frames < 10000; ++frames) draw(*session);
     given_up += session->is_drawing() ? 1 : 0;
   }
   EXPECT_GT(given_up, 0) << "each picture of 6e5 splats was there at once";
   session->scene.camera = camera;
-  EXPECT_EQ(compare_images(settle(), whole)->max, 0);
+  EXPECT_EQ(compare_images(settled(*session), whole)->max, 0);
   session->scene.camera.position += dvec3(0.01);
-  draw_large(long_time);  // may still be drawing at its end
+  draw(*session);  // may still be drawing at its end
 }
 
 TEST_F(SessionAtRest, DrawsTheSameWithoutHurry) {
-  ViewSettings settings = on_processor();
   settings.hurries = false;
-  const auto session = open(settings);
+  const auto session = open();
   draw(*session, 0);
   EXPECT_TRUE(session->refinement());
   const Image first = settled(*session);
@@ -296,21 +244,19 @@ TEST_F(SessionAtRest, DrawsTheSameWithoutHurry) {
 
 // A disk that fails: after a thousand parts that cannot be read, the picture stays coarse and comes to rest.
 TEST_F(SessionAtRest, IsReachedThoughAThousandPartsAreUnreadable) {
-  const std::string damaged = folder->path("damaged.svol");
-  BuildOptions options{.points_per_chunk = {{64}}};
-  build_mesh(
-      lattice(40), [](dvec3 p) { return std::sin(20 * p.x); }, damaged, options);
+  const std::string damaged = path("damaged.svol");
+  const auto waves = [](dvec3 p) { return std::sin(20 * p.x); };
+  build_mesh(lattice(40), waves, damaged, {.points_per_chunk = {{64}}});
   const auto volume = *format::Volume::open(*open_file(damaged));
   const auto rows = std::ranges::find(volume->sections(), format::SectionKind::rows, &format::SectionEntry::kind);
   std::string bytes = *read_text_file(damaged);
   for (std::uint64_t i = rows->packed_bytes / 16; i < rows->packed_bytes; i += 64) bytes[rows->offset + i] ^= 0x55;
   std::ofstream(damaged, std::ios::binary) << bytes;
 
+  settings.quality.tolerance_percent = 0;
   for (const bool hurries : {true, false}) {
-    ViewSettings settings = on_processor();
-    settings.quality.tolerance_percent = 0;
     settings.hurries = hurries;
-    auto session = value_of(Session::open(damaged, "", settings, host));
+    const auto session = SessionFixture::open(damaged);
     settled(*session);
     const std::vector<std::string>& troubles = session->troubles();
     EXPECT_GE(troubles.size(), 1000u);
@@ -324,14 +270,14 @@ TEST_F(SessionAtRest, IsReachedThoughAThousandPartsAreUnreadable) {
 
 // Among splats, slices that move may have a smaller picture. The window stretches it.
 TEST_F(SessionAtRest, SlicesMove) {
-  const auto session = open(on_processor());
+  const auto session = open();
   session->scene.slices = {{.point = dvec3(0.5), .normal = {0, 0, 1}}};
   EXPECT_EQ(settled(*session).width, 200);
   session->scene.camera.position += 0.1 * (session->scene.camera.focal_point - session->scene.camera.position);
   do draw(*session, 0);
   while (session->is_drawing());
   const Image moving = session->image().value();
-  const int spacing = session->shown_recipe().rung.sample_spacing;
+  const int spacing = session->shown_recipe().recipe.sample_spacing;
   EXPECT_EQ(moving.width, (200 + spacing - 1) / spacing);
   EXPECT_EQ(session->view().width, 200);
   const Image at_rest = settled(*session);
@@ -344,34 +290,6 @@ TEST_F(SessionAtRest, SlicesMove) {
             at_rest.at(std::min(spacing * x + i % spacing, 199), std::min(spacing * y + i / spacing, 149)) /
             static_cast<float>(spacing * spacing);
   EXPECT_LT(compare_images(moving, smaller)->rmse, 0.05) << "the same view";
-}
-
-// The opacity that the probe tells is the picture's: all over the picture, also for a peak of values and for octants.
-TEST_F(SessionAtRest, TheProbeHasThePicturesOpacity) {
-  for (const KernelKind kernel : {KernelKind::moments, KernelKind::octant}) {
-    ViewSettings settings = on_processor();
-    settings.drawing.kernel = kernel;
-    const auto session = open(settings);
-    static_cast<void>(settled(*session));
-    TransferFunction peak = session->scene.transfer_function;
-    peak.densities = {{0.55, 0}, {0.6, 10 * peak.densities.back().extinction}, {0.65, 0}};
-    for (const TransferFunction& function : {session->scene.transfer_function, peak}) {
-      session->scene.transfer_function = function;
-      const Image picture = settled(*session);
-      const ProbedFrame frame(session->frame()->list, session->units());
-      const View& view = session->view();
-      double squares = 0;
-      int count = 0;
-      for (int y = 5; y < picture.height; y += 10)
-        for (int x = 5; x < picture.width; x += 10, ++count) {
-          const auto probe = frame.probe(function, looking_through(view, x + 0.5, y + 0.5));
-          const double difference = (probe ? probe->opacity : 0) - static_cast<double>(picture.at(x, y).a);
-          squares += difference * difference;
-        }
-      const double bound = kernel == KernelKind::moments ? 0.01 : 0.05;  // an octant is a Gaussian to the probe
-      EXPECT_LT(std::sqrt(squares / count), bound) << static_cast<int>(kernel);
-    }
-  }
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "viewer/thread_host.h"
+#include "player/thread_host.h"
 
 #include <oneapi/tbb/task_scheduler_observer.h>
 

@@ -1,4 +1,4 @@
-// The host of a session in a window: a thread for each job.
+// A host of sessions that begins a thread for each job.
 #pragma once
 
 #include "player/session_host.h"

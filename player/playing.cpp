@@ -1,0 +1,29 @@
+#include "player/playing.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace splatvol {
+
+void Playing::begin() {
+  seconds_ = 0;
+  awaited_.reset();
+}
+
+std::optional<std::size_t> Playing::next(std::size_t shown, std::size_t count) {
+  const auto awaited = std::exchange(awaited_, {});
+  const bool is_last = shown + 1 == count;
+  if ((awaited && shown != *awaited) || (is_last && !loops)) end();
+  if (!is_begun()) return {};
+  return is_last ? 0 : shown + 1;
+}
+
+bool Playing::is_due(double seconds, bool is_ready) {
+  const double period = 1 / steps_per_second;
+  *seconds_ += seconds;
+  if (*seconds_ < period || !is_ready) return false;
+  seconds_ = std::min(*seconds_ - period, period);
+  return true;
+}
+
+}  // namespace splatvol
