@@ -9,10 +9,11 @@ namespace {
 // What shaders of the renderer are bound to: `binding` in shaders/.
 constexpr GLuint texture_units = 6, storage_buffers = 8, uniform_buffers = 1;
 
+// The first number of a state. Some drivers return more than one, as of GL_POLYGON_MODE: one for each face.
 GLint integer(GLenum name) {
-  GLint value = 0;
-  glGetIntegerv(name, &value);
-  return value;
+  std::array<GLint, 4> values{};
+  glGetIntegerv(name, values.data());
+  return values[0];
 }
 
 GLuint object(GLenum binding) { return static_cast<GLuint>(integer(binding)); }
@@ -20,9 +21,9 @@ GLuint object(GLenum binding) { return static_cast<GLuint>(integer(binding)); }
 GLenum enumerator(GLenum name) { return static_cast<GLenum>(integer(name)); }
 
 GLenum enumerator_at(GLenum name, GLuint index) {
-  GLint value = 0;
-  glGetIntegeri_v(name, index, &value);
-  return static_cast<GLenum>(value);
+  std::array<GLint, 4> values{};
+  glGetIntegeri_v(name, index, values.data());
+  return static_cast<GLenum>(values[0]);
 }
 
 void set_capability(GLenum capability, bool on) { on ? glEnable(capability) : glDisable(capability); }

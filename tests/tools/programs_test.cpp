@@ -595,7 +595,7 @@ TEST_F(RealData, TheBoundaryIsDrawnAsInTheExactPicture) {
     text["surfaces"] = {{{"boundary", "outer"}, {"color", {0.2, 0.3, 0.4}}, {"opacity", opacity}}};
     const Image exact_picture = exact(name, text);
     for (const auto& [option, most] :
-         sample_of<std::pair<std::string, double>>({{"--boundary-triangles 5000", 0.01}, {"--boundary", 0.002}})) {
+         sample_of<std::pair<std::string, double>>({{"--boundary-triangles 5000", 0.01}, {"--boundary", 0.0025}})) {
       build(name, option);
       EXPECT_LT(error_to(exact_picture, "--device cpu"), most) << name << ", " << option << ", opacity " << opacity;
     }

@@ -64,6 +64,7 @@ struct RanksTest : ProgramTest {
     for (const char* name :
          {"OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "OMPI_MCA_rmaps_base_oversubscribe"})
       ::setenv(name, "1", 1);
+    ::setenv("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe", 1);  // from version 5 on
     if (is_sanitized) GTEST_SKIP() << "MPI's libraries are not built with sanitizers";
     if (!has_mpi()) GTEST_SKIP() << "built without MPI, or without its launcher: -D SPLATVOL_MPI=ON needs both";
   }
