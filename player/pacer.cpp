@@ -80,11 +80,12 @@ std::optional<Recipe> PaceSearch::next(const Choices& choices) {
   if (drawn_.size() < most_leaps) pacer_.leap();
   std::optional<Recipe> rung = pacer_.next(choices);
   if (!drawn_.empty() && rung == drawn_.back()) return {};
+  asked_ = *rung;
   return rung;
 }
 
 void PaceSearch::add(const Outcome& outcome, const Choices& choices) {
-  drawn_.push_back(outcome.recipe);
+  drawn_.push_back(asked_);  // budgets may have made it coarser
   pacer_.add(outcome, choices);
 }
 

@@ -64,6 +64,7 @@ class PaceSearch final : public Chooser {
 
  private:
   Pacer pacer_;
+  Recipe asked_;
   std::vector<Recipe> drawn_;
 };
 

@@ -30,11 +30,9 @@ constexpr std::uint64_t least_among_surfaces = std::uint64_t{1} << 15;
 // Expected of splats where shells stand for contours.
 constexpr double error_of_shells = 0.05;
 
-// Splats have no contours: shells stand for them.
-Result<Scene> scene_of_splats(const Scene& scene, const Streamer& streamer) {
-  if (contours_of(scene).surfaces.empty()) return scene;
-  SPLATVOL_TRY_ASSIGN(domain, domain_of(streamer.volume()));
-  return with_shells(scene, glm::length(domain.extent()));
+// Splats have no contours: shells stand for them. All data are about as large as their cube, which is known.
+Scene scene_of_splats(const Scene& scene, const Streamer& streamer) {
+  return with_shells(scene, std::sqrt(3.0) * streamer.info().cube.edge);
 }
 
 Status set_function(Rasterizer& rasterizer, const Scene& scene, const Streamer& streamer) {
@@ -224,9 +222,9 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
   }
   Rasterizer& rasterizer = other ? *other : *rasterizer_;
   const SceneChange change = change_between(scene_, scene);
-  if (streamer || change.look || change.parts || change.data) {
+  if (streamer || change.functions || change.contours) {
     const Streamer& used = streamer ? *streamer : *streamer_;
-    SPLATVOL_TRY_ASSIGN(of_splats, scene_of_splats(scene, used));
+    Scene of_splats = scene_of_splats(scene, used);
     SPLATVOL_TRY(set_function(rasterizer, of_splats, used));
     function_of_splats_ = std::move(of_splats.transfer_function);
   }
@@ -282,10 +280,7 @@ Status Player::show_step(std::size_t step) {
     return changed;
   }
   step_ = step;
-  std::vector<Surface> surfaces = surfaces_.all;
-  SPLATVOL_TRY(add_values(surfaces, streamer_->volume(), surfaces_.all));
-  take_surfaces(std::move(surfaces));
-  SPLATVOL_TRY_ASSIGN(of_splats, scene_of_splats(scene_, *streamer_));
+  const Scene of_splats = scene_of_splats(scene_, *streamer_);
   function_of_splats_ = of_splats.transfer_function;
   return set_function(*rasterizer_, of_splats, *streamer_);
 }
@@ -301,6 +296,7 @@ Status Player::change_step(std::size_t step) {
     SPLATVOL_TRY_SET(volume, std::move(opened));
     SPLATVOL_TRY(read_boundary_of(*volume));
   }
+  SPLATVOL_TRY(read_values_of(step, volume));
   is_lost_ = true;
   cells_.drop();
   SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
@@ -325,6 +321,17 @@ Status Player::read_boundary_of(const format::Volume& volume) {
   SPLATVOL_TRY_ASSIGN(
       read, read_scene_surfaces(scene_.surfaces, volume, options_.read_surface, memory_->patches.capacity(), kept));
   take_surfaces(std::move(read));
+  return {};
+}
+
+// The values that colour surfaces at a step. `volume`: of its file; null: the step is one of the open file.
+Status Player::read_values_of(std::size_t step, std::shared_ptr<const format::Volume> volume) {
+  const auto is_colored = [](const Surface& surface) { return surface.is_visible() && surface.style.color_by; };
+  if (std::ranges::none_of(surfaces_.all, is_colored)) return {};
+  if (!volume) SPLATVOL_TRY_SET(volume, steps_.volume(step));
+  std::vector<Surface> surfaces = surfaces_.all;
+  SPLATVOL_TRY(add_values(surfaces, *volume, surfaces_.all));
+  take_surfaces(std::move(surfaces));
   return {};
 }
 

@@ -329,6 +329,7 @@ class Player {
   [[nodiscard]] Status change_step(std::size_t step);
   [[nodiscard]] std::vector<Surface> surfaces_of_all_steps() const;
   [[nodiscard]] Status read_boundary_of(const format::Volume& volume);
+  [[nodiscard]] Status read_values_of(std::size_t step, std::shared_ptr<const format::Volume> volume);
   [[nodiscard]] Result<Outcome> draw_in(const Recipe& recipe, double seconds);
   [[nodiscard]] Result<Outcome> draw_steadily(const Recipe& recipe);
   [[nodiscard]] Status draw_cells(int sample_spacing, const DrawProgress& progress);

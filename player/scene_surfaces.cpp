@@ -131,14 +131,15 @@ Status add_values(std::span<Surface> surfaces, const format::Volume& volume, std
     const std::string& attribute = surface.style.color_by->attribute;
     const auto has_same = [&](const Surface& other) {
       return other.values && other.mesh == surface.mesh && other.values->attribute == attribute &&
-             other.values->step_key == volume.step_key();
+             other.values->file == volume.name() && other.values->step_key == volume.step_key();
     };
     if (const auto same = std::ranges::find_if(before, has_same); same != before.end()) {
       surface.values = same->values;
       continue;
     }
     SPLATVOL_TRY_ASSIGN(values, sample_at(surface.mesh->points, volume, attribute));
-    surface.values = std::make_shared<const SurfaceValues>(attribute, volume.step_key(), std::move(values));
+    surface.values =
+        std::make_shared<const SurfaceValues>(attribute, volume.name(), volume.step_key(), std::move(values));
   }
   return {};
 }

@@ -17,6 +17,8 @@ SceneChange change_between(const Scene& before, const Scene& after) {
       .look = function != before.transfer_function || lighting != before.lighting || opacity != before.opacity,
       .parts = clip_box != before.clip_box || clip_planes != before.clip_planes || slices != before.slices ||
                surfaces != before.surfaces || contours != before.contours,
+      .functions = function != before.transfer_function || opacity != before.opacity,
+      .contours = contours != before.contours,
       .surfaces = surfaces != before.surfaces,
       .data = attribute != before.attribute || attribute_of(opacity) != attribute_of(before.opacity),
       .frame = background != before.background || outline != before.outline || bar != before.scalar_bar,

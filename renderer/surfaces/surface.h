@@ -16,6 +16,7 @@ namespace splatvol {
 /// The values that colour a surface.
 struct SurfaceValues {
   std::string attribute;
+  std::string file;            // where they are from
   std::uint64_t step_key = 0;  // as Volume has it
   std::vector<double> values;  // [point of the mesh]; NaN: none
 };

@@ -63,7 +63,7 @@ TEST(DrawSurfaces, ValuesColorAPlate) {
     const View view = view_from({0.3, 0.5, 4}, {0, 0, 0}, orthographic);
     Surface surface = surface_of(test::plate({-1.2, -0.8, -1}, {2.4, 0.2, 0.5}, {0, 1.8, 1.4}, 3), 0.5);
     surface.style.color_by = SceneColoring{"v", function};
-    SurfaceValues values{"v", 0, {}};
+    SurfaceValues values{"v", "f", 0, {}};
     for (const dvec3& point : surface.mesh->points) values.values.push_back(value_at(point));
     surface.values = std::make_shared<const SurfaceValues>(values);
     Surface plain = surface_of(*surface.mesh, 0.5);
