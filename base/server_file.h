@@ -1,4 +1,4 @@
-// What files on servers have in common, over HTTP and by ssh.
+// Files on servers, over HTTP and by ssh, have this in common.
 #pragma once
 
 #include <algorithm>

@@ -2,14 +2,16 @@
 
 #include <utility>
 
+#include "scene/scene_change.h"
+
 namespace splatvol {
 namespace {
 
 // Whether two changes need the same parts of the file.
 bool need_the_same(const Scene& a, const ViewSettings& a_settings, const Scene& b, const ViewSettings& b_settings) {
+  const SceneChange change = change_between(a, b);
   return a_settings.memory == b_settings.memory && kernel_of(a_settings.drawing) == kernel_of(b_settings.drawing) &&
-         a.attribute == b.attribute && opacity_attribute_of(a) == opacity_attribute_of(b) && a.surfaces == b.surfaces &&
-         a.lighting.has_value() == b.lighting.has_value();
+         !change.data && !change.surfaces && a.lighting.has_value() == b.lighting.has_value();
 }
 
 }  // namespace

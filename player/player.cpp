@@ -790,13 +790,13 @@ Result<std::optional<Player::DrawnRays>> Player::draw_rays() {
 
 // Draws picture after picture, until one has the error.
 Result<ErrorSearch> Player::draw_to_error(double max_error, bool grows) {
-  const int finest_spacing = has_layers() ? 1 : options_.drawing.sample_spacing.value_or(1);
-  const bool may_widen = !has_layers() && !options_.drawing.sample_spacing;
+  const int widest_spacing = options_.drawing.sample_spacing.value_or(widest_samples_of_an_error);
+  SPLATVOL_TRY_ASSIGN(choices, this->choices({.widest_spacing = widest_spacing}));
   ErrorControl::Search search{.most_splats = device_splats(),
                               .grows = grows,
-                              .finest_spacing = finest_spacing,
-                              .widest_spacing = may_widen ? widest_samples_of_an_error : finest_spacing,
-                              .pixels = static_cast<double>(scene_.width) * scene_.height,
+                              .finest_spacing = choices.finest_spacing,
+                              .widest_spacing = choices.widest_spacing,
+                              .pixels = choices.pixels,
                               .resolutions = info().resolutions()};
   SPLATVOL_TRY_ASSIGN(rays, draw_rays());
   if (rays) {

@@ -264,7 +264,7 @@ void Session::await_step() {
 Scene Session::scene_without_change() const {
   if (!is_reading()) return scene;
   Scene drawn = scene;
-  if (drawn.attribute != used_.scene.attribute || opacity_attribute_of(drawn) != opacity_attribute_of(used_.scene)) {
+  if (change_between(used_.scene, drawn).data) {
     drawn.attribute = used_.scene.attribute;
     drawn.transfer_function = used_.scene.transfer_function;
     drawn.opacity = used_.scene.opacity;

@@ -77,8 +77,8 @@ Status Session::choose_picture() {
   return {};
 }
 
-// Returns what the view has. What rests as splats moves as splats. Something moves in small pictures, and at rest, with
-// surfaces, all samples are drawn.
+// Returns what the view has. What rests as splats moves as splats. With surfaces, wide samples are allowed, too: what
+// moves becomes a small picture (draw_picture), and the player draws each sample at rest.
 Result<Choices> Session::choices_for(bool moves) const {
   Chooser::Needs needs = moves ? movement_.control.needs() : rest_.refinement->needs();
   const bool has_contours = player_->shows_contours();

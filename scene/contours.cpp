@@ -6,6 +6,12 @@
 
 namespace splatvol {
 
+bool have_value(std::span<const SceneContour> contours, double value) {
+  return std::ranges::any_of(contours, [&](const SceneContour& contour) {
+    return std::ranges::find(contour.values, value) != contour.values.end();
+  });
+}
+
 Status check_contours(const std::vector<SceneContour>& contours) {
   std::vector<double> values;
   const SceneColoring* coloring = nullptr;

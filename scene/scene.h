@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -74,6 +75,9 @@ struct Contours {
 
 /// The most values of a scene's contours: each costs time in every cell.
 inline constexpr std::size_t most_contour_values = 256;
+
+/// Whether one of the contours has a value.
+[[nodiscard]] bool have_value(std::span<const SceneContour> contours, double value);
 
 /// Fails if contours have too many values, equal ones, one that is not finite, or differ in what colours them.
 [[nodiscard]] Status check_contours(const std::vector<SceneContour>& contours);

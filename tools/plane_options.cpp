@@ -76,10 +76,7 @@ Status apply(const PlaneOptions& options, Scene& scene) {
   }
   for (const std::string& text : options.contours) {
     SPLATVOL_TRY_ASSIGN(value, parse_contour(text));
-    const auto has_value = [&](const SceneContour& contour) {
-      return std::ranges::find(contour.values, value) != contour.values.end();
-    };
-    if (std::ranges::none_of(scene.contours, has_value)) scene.contours.push_back({.values = {value}});
+    if (!have_value(scene.contours, value)) scene.contours.push_back({.values = {value}});
   }
   return check_contours(scene.contours);
 }

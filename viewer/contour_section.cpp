@@ -18,13 +18,6 @@
 namespace splatvol {
 namespace {
 
-// Whether a contour of the scene has a value.
-bool has_value(const Scene& scene, double value) {
-  return std::ranges::any_of(scene.contours, [&](const SceneContour& contour) {
-    return std::ranges::find(contour.values, value) != contour.values.end();
-  });
-}
-
 // Adds one between the values of the others: in the middle of the widest gap of the colours.
 void add_contour(Scene& scene) {
   const TransferFunction& function = scene.transfer_function;
@@ -36,7 +29,7 @@ void add_contour(Scene& scene) {
   for (std::size_t i = 2; i < places.size(); ++i)
     if (places[i] - places[i - 1] > places[widest] - places[widest - 1]) widest = i;
   const double value = function.value_at(0.5 * (places[widest - 1] + places[widest]));
-  if (!has_value(scene, value)) scene.contours.push_back({.values = {value}});
+  if (!have_value(scene.contours, value)) scene.contours.push_back({.values = {value}});
 }
 
 // Values run along the axis of the colours. No two are equal.
@@ -48,7 +41,7 @@ void draw_values(Scene& scene, SceneContour& contour) {
     double value = contour.values[i];
     ImGui::PushID(static_cast<int>(i));
     if (ImGui::SliderScalar("value", ImGuiDataType_Double, &value, &function.lo, &function.hi, number.c_str(), flags) &&
-        std::isfinite(value) && !has_value(scene, value))
+        std::isfinite(value) && !have_value(scene.contours, value))
       contour.values[i] = value;
     ImGui::PopID();
     hint("In the attribute's unit.\nControl click: type a number, also beyond the colours.");

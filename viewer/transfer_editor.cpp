@@ -243,12 +243,10 @@ void TransferEditor::edit_contours(const Area& area, const TransferFunction& fun
   const float half = 5 * gui_unit(), height = 9 * gui_unit();
   if (!area.active) contour_.reset();
   std::optional<ContourValue> under;
-  bool is_taken = false;  // another value is where the pointer is
   const double pointed = function.value_at(area.pointer_t());
   for (std::size_t i = 0; i < contours.size(); ++i)
     for (std::size_t j = 0; j < contours[i].values.size(); ++j) {
       const double value = contours[i].values[j], t = function.t_of(value);
-      is_taken = is_taken || value == pointed;
       if (!contours[i].shown || t < 0 || t > 1) continue;
       const float x = area.x(t), y = area.low.y;
       const ImU32 color = gui_color(contours[i].color.value_or(function.color_at(t)));
@@ -261,7 +259,7 @@ void TransferEditor::edit_contours(const Area& area, const TransferFunction& fun
   if (under && area.is_clicked(ImGuiMouseButton_Left)) contour_ = under;
   if (contour_ && contour_->contour < contours.size() && contour_->value < contours[contour_->contour].values.size()) {
     double& value = contours[contour_->contour].values[contour_->value];
-    if (!is_taken && ImGui::IsMouseDragging(ImGuiMouseButton_Left, 0)) value = pointed;
+    if (!have_value(contours, pointed) && ImGui::IsMouseDragging(ImGuiMouseButton_Left, 0)) value = pointed;
     ImGui::SetTooltip("contour at %.*g", digits_of_range(function.lo, function.hi), value);
   }
 }

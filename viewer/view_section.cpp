@@ -61,6 +61,28 @@ std::vector<SurfaceRow> rows_of(const std::vector<SceneSurface>& surfaces, const
   return rows;
 }
 
+// One choice for all surfaces that are shown. It comes below them, so that their rows stay.
+void draw_surface_colors(Session& session) {
+  std::vector<SceneSurface>& surfaces = session.scene.surfaces;
+  const auto first = std::ranges::find_if(surfaces, &SceneSurface::shown);
+  if (first == surfaces.end()) return;
+  ImGui::BeginDisabled(!session.info().cells);
+  if (ImGui::BeginCombo("surfaces by", first->color_by ? first->color_by->attribute.c_str() : "their colours")) {
+    const auto color = [&](const std::optional<SceneColoring>& coloring) {
+      for (SceneSurface& surface : surfaces)
+        if (surface.shown) surface.color_by = coloring;
+    };
+    if (ImGui::Selectable("their colours", !first->color_by)) color(std::nullopt);
+    for (const format::Attribute& attribute : session.info().attributes)
+      if (ImGui::Selectable(attribute.name.c_str(), first->color_by && first->color_by->attribute == attribute.name))
+        color(coloring_by(session.scene, attribute));
+    ImGui::EndCombo();
+  }
+  ImGui::EndDisabled();
+  hint(session.info().cells ? "The values of the cells at the surfaces that are shown"
+                            : "This file keeps no cells, and only these have values at surfaces.");
+}
+
 }  // namespace
 
 void DetailControls::draw(Session& session) {
@@ -154,28 +176,6 @@ void draw_clip_box_controls(Scene& scene, const Box& bounds) {
       clip_box->low[axis] = range[0], clip_box->high[axis] = range[1];
     hint("In the units of the file's coordinates.\nDrag, or control click: type a number.");
   }
-}
-
-// One choice for all surfaces that are shown. It comes below them, so that their rows stay.
-static void draw_surface_colors(Session& session) {
-  std::vector<SceneSurface>& surfaces = session.scene.surfaces;
-  const auto first = std::ranges::find_if(surfaces, &SceneSurface::shown);
-  if (first == surfaces.end()) return;
-  ImGui::BeginDisabled(!session.info().cells);
-  if (ImGui::BeginCombo("surfaces by", first->color_by ? first->color_by->attribute.c_str() : "their colours")) {
-    const auto color = [&](const std::optional<SceneColoring>& coloring) {
-      for (SceneSurface& surface : surfaces)
-        if (surface.shown) surface.color_by = coloring;
-    };
-    if (ImGui::Selectable("their colours", !first->color_by)) color(std::nullopt);
-    for (const format::Attribute& attribute : session.info().attributes)
-      if (ImGui::Selectable(attribute.name.c_str(), first->color_by && first->color_by->attribute == attribute.name))
-        color(coloring_by(session.scene, attribute));
-    ImGui::EndCombo();
-  }
-  ImGui::EndDisabled();
-  hint(session.info().cells ? "The values of the cells at the surfaces that are shown"
-                            : "This file keeps no cells, and only these have values at surfaces.");
 }
 
 void draw_surface_controls(Session& session) {

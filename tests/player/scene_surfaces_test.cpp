@@ -103,6 +103,10 @@ TEST_F(SceneSurfaces, HaveTheValuesOfTheCells) {
   EXPECT_EQ(surfaces[0].values, before[0].values) << "nothing is read twice";
   EXPECT_THAT(test::message_of(add_values(surfaces, *open("plain.svol"), {})),
               HasSubstr("plain.svol: it keeps no cells"));
+  // Another file of a series has other values at the same triangles.
+  test::build_mesh(test::lattice(6), [](dvec3) { return 7; }, folder.path("next.svol"), {.keep_cells = true});
+  ASSERT_EQ(test::message_of(add_values(surfaces, *open("next.svol"), before)), "");
+  EXPECT_NEAR(surfaces[0].values->values[0], 7, 1e-6);
   surfaces[0].style.color_by->attribute = "other";
   EXPECT_THAT(test::message_of(add_values(surfaces, *volume, {})), HasSubstr("no attribute \"other\""));
 }
