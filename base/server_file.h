@@ -19,7 +19,7 @@ inline constexpr std::chrono::seconds usual_stall_timeout{30};
 /// ByteSource::cheap_gap(): what a server sends in the time that a request of its own takes.
 inline constexpr std::uint64_t gap_on_servers = 64u << 10;
 
-/// The message of a read of a file that is not the one that was opened: its size, or what tells its state, differs.
+/// The message of a read that finds another file than was opened. Its size differs, or its time or tag does.
 inline constexpr const char* file_changed = "the file changed on the server while it was open";
 
 /// The first bytes of a file, which most readers ask for first.

@@ -24,7 +24,8 @@ struct ValueRange {
   double high = std::numeric_limits<double>::infinity();
 };
 
-/// What to integrate, and where: over the parts of cells that lie in the box, in all half-spaces and in all ranges.
+/// The attributes to integrate, and the region. A point is in the region if it lies in the box and in all half-spaces,
+/// and if the values there lie in all ranges. Cells count with the parts of them that lie in the region.
 struct IntegralRequest {
   std::vector<std::string> attributes = {};  // empty: all
   std::optional<Box> box = std::nullopt;
