@@ -9,8 +9,8 @@
 namespace splatvol {
 namespace {
 
-// A picture that takes no longer is smooth. Where no errors were measured, it may take longer, to be sure.
-constexpr double smooth_seconds = 1.0 / 60, unmeasured_patience = 2;
+// Where no errors were measured, a smooth picture may take longer.
+constexpr double unmeasured_patience = 2;
 
 // A larger error shows as a false colour, so that the picture may take longer.
 constexpr double false_color_error = 0.03, longer = 2;
@@ -131,7 +131,7 @@ MotionControl::Chosen MotionControl::choose(const Choices& choices, double patie
   const auto is_quicker = [](const Candidate& a, const Candidate& b) { return a.seconds < b.seconds; };
   constexpr double any = std::numeric_limits<double>::infinity();
 
-  const double usual = are_errors_known(choices) ? smooth_seconds : unmeasured_patience * smooth_seconds;
+  const double usual = (are_errors_known(choices) ? 1 : unmeasured_patience) * limits_.smooth_seconds;
   const double smooth = std::min(usual, limits_.seconds), longest = longer * limits_.seconds;
   const double quick = std::min(choices.first_cells_seconds, limits_.seconds);
   for (const double seconds : {quick, limits_.seconds}) {
@@ -150,7 +150,7 @@ MotionControl::Chosen MotionControl::choose(const Choices& choices, double patie
 
 std::vector<Recipe> MotionControl::unmeasured(const Choices& choices) const {
   const Recipe chosen = choose(choices).rung;
-  const double smooth = std::min(smooth_seconds, limits_.seconds);
+  const double smooth = std::min(limits_.smooth_seconds, limits_.seconds);
   if (chosen.is_exact() && expected_error(chosen, choices).error <= limits_.max_error) return {};
   std::vector<Recipe> unmeasured;
   for (const double seconds : {smooth, limits_.seconds}) {

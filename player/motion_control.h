@@ -15,12 +15,16 @@ struct MotionLimits {
   double max_error = 0.002;  // root mean square of linear RGB; expected
   double seconds = 0.1;      // that a picture of this error may take
 
+  // A picture that takes no longer is smooth: the finest of these is drawn. Where no errors were measured, it may take
+  // twice that time, to be sure.
+  double smooth_seconds = 1.0 / 60;
+
   [[nodiscard]] bool operator==(const MotionLimits&) const = default;
 };
 
-/// Draws cells if some distance of samples has the wanted error at 12 pictures a second: the finest at 60 a second (30
-/// where no error was measured), or else the quickest. If none has, splats may be drawn, too: the finest at 60 a
-/// second, or the quickest in `seconds`, that has the error. If there is none, draws what has the least error in
+/// Draws cells if some distance of samples has the wanted error at 12 pictures a second: the finest that is smooth, or
+/// else the quickest. If none has, splats may be drawn, too: the finest that is smooth, or the quickest in `seconds`,
+/// that has the error. If there is none, draws what has the least error in
 /// `seconds`, or in twice that time if its error would show as a false colour. Within a movement a rung stays, unless
 /// it takes much more or less time than it may, or much more or less is in view.
 ///
@@ -29,8 +33,11 @@ class MotionControl final : public Chooser {
  public:
   explicit MotionControl(const MotionLimits& limits = {}) : limits_(limits) {}
 
-  /// Requires numbers above 0.
-  void set_limits(const MotionLimits& limits) { limits_ = limits; }
+  /// Other limits begin another movement. Requires numbers above 0.
+  void set_limits(const MotionLimits& limits) {
+    if (limits_ != limits) rest();
+    limits_ = limits;
+  }
 
   /// There is always another picture.
   [[nodiscard]] std::optional<Recipe> next(const Choices& choices) override;

@@ -24,6 +24,9 @@ class Playing {
   /// ready, the time waits. On the average, the rate is kept.
   [[nodiscard]] bool is_due(double seconds, bool is_ready);
 
+  /// Returns how many seconds the picture of a step may take: time is left to show it.
+  [[nodiscard]] double picture_seconds() const { return 0.8 / steps_per_second; }
+
   /// Says that a step was asked for, and will be shown later.
   void await(std::size_t step) { awaited_ = step; }
 

@@ -217,6 +217,9 @@ Status Session::play(double seconds) {
   }
   Status shown = show_step(*next);
   if (!shown) stop_playing();
+  // The one after it is read while its picture is drawn.
+  if (const bool is_last = *next + 1 == times().size(); shown && (!is_last || playback.loops))
+    read_ahead(is_last ? 0 : *next + 1);
   return shown;
 }
 
@@ -412,7 +415,10 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
 
   const bool plays_on = is_playing() && playback.steps_per_second > 2;
   const bool moves = settings.hurries && (is_busy || plays_on || progress_.still_seconds < pause_seconds);
-  if (moves) return movement_.is_drawn && !awaited_.is_awaited ? Status{} : begin_picture(true, seconds);
+  if (moves) {
+    movement_.control.set_limits(moving_limits(is_busy));
+    return movement_.is_drawn && !awaited_.is_awaited ? Status{} : begin_picture(true, seconds);
+  }
   if (change_.step) return {};  // the picture stays
   if (!rest_.refinement) begin_rest();
   return rest_.refinement->is_done() ? begin_making_ready() : begin_picture(false, seconds);

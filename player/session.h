@@ -324,6 +324,7 @@ class Session {
   // While something moves (session_moving.cpp).
   [[nodiscard]] bool shows_surfaces() const;
   [[nodiscard]] bool has_layers() const { return shows_surfaces() || !player_->view().slices.empty(); }
+  [[nodiscard]] MotionLimits moving_limits(bool is_busy) const;
   void begin_holding_cells();
   void keep_last_moving();
   [[nodiscard]] Status learn_errors();

@@ -14,6 +14,13 @@ namespace splatvol {
 
 bool Session::shows_surfaces() const { return std::ranges::any_of(used_.scene.surfaces, &SceneSurface::shown); }
 
+// While steps play and the view stays, a picture may take most of the step's time, and as much to be finer.
+MotionLimits Session::moving_limits(bool is_busy) const {
+  MotionLimits limits = settings.moving;
+  if (is_playing() && !is_busy) limits.seconds = limits.smooth_seconds = playback.picture_seconds();
+  return limits;
+}
+
 // Cells can only move once they are in memory. They are read beside the pictures.
 void Session::begin_holding_cells() {
   if (movement_.holding_cells.is_begun() || !settings.hurries || cells_fail_ || first_exact_spacing() == 0) return;

@@ -36,10 +36,7 @@ Scene scaled(Scene scene, int sample_spacing) {
 // By a job where one may draw it: so the window goes on. A graphics card draws splats at once. Until the picture is
 // there, the window shows a copy of the one before.
 Status Session::begin_picture(bool moves, double seconds) {
-  if (moves) {
-    movement_.control.set_limits(settings.moving);
-    begin_holding_cells();
-  }
+  if (moves) begin_holding_cells();
   picture_ = {.moves = moves};
   const Work work = moves ? Work::moving : Work::refining;
   const bool may_be_aside = moves ? settings.works_aside : settings.hurries;

@@ -109,6 +109,21 @@ TEST(MotionControl, DrawsNoFalseColorForAFrame) {
   EXPECT_LE(machine.seconds(rung, choices), 0.1);
 }
 
+// As while steps play: nobody sees more pictures.
+TEST(MotionControl, DrawsTheFinestInTheTimeThatIsSmooth) {
+  const Choices choices = with_cells(2e5, 2e7);
+  const Machine machine;
+  MotionControl control;
+  machine.teach(control, choices);
+  EXPECT_GT(machine.draw(control, choices).sample_spacing, 1);
+  const double seconds = 1.1 * machine.seconds(Recipe::of_cells(1), choices);
+  ASSERT_GT(seconds, smooth);
+  control.set_limits({.seconds = seconds, .smooth_seconds = seconds});
+  EXPECT_EQ(*control.next(choices), Recipe::of_cells(1));
+  control.set_limits({});
+  EXPECT_GT(control.next(choices)->sample_spacing, 1);
+}
+
 // Right after opening, nothing is measured.
 TEST(MotionControl, PrefersCellsAtFirst) {
   MotionControl control;

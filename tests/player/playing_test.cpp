@@ -48,6 +48,12 @@ TEST(Playing, KeepsTheRateOnTheAverage) {
   EXPECT_NEAR(steps, 4 * 70, 1);
 }
 
+TEST(Playing, LeavesTimeToShowAPicture) {
+  Playing playing;
+  playing.steps_per_second = 4;
+  EXPECT_DOUBLE_EQ(playing.picture_seconds(), 0.2);
+}
+
 TEST(Playing, WaitsForTheNextStepAndCatchesUpOnce) {
   Playing playing;
   playing.begin();

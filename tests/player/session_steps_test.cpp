@@ -187,6 +187,26 @@ TEST_F(SessionSteps, PlayFromTheFirstToTheLast) {
   EXPECT_TRUE(session->troubles().empty());
 }
 
+// A picture may take most of a step's time, however quick a hand wants its pictures. Cells are read ahead.
+TEST_F(SessionSteps, PlayExactly) {
+  settings.moving = {.max_error = 1, .seconds = 1e-9, .smooth_seconds = 1e-9};
+  std::vector<std::pair<std::size_t, Recipe>> drawn;
+  settings.on_picture = [&](const CompletePicture& picture) {
+    if (picture.recipe.moves) drawn.emplace_back(picture.step, picture.recipe.recipe);
+  };
+  write_series(path("cells.svol"), {.keep_cells = true});
+  const auto session = open(path("cells.svol"));
+  session->playback.steps_per_second = 2.5;
+  settled(*session);
+  ASSERT_TRUE(session->show_step(0));
+  settled(*session);
+  while (session->is_reading_ahead()) std::this_thread::yield();
+  drawn.clear();
+  EXPECT_EQ(played(*session), (std::vector<std::size_t>{0, 1, 2}));
+  ASSERT_EQ(drawn.size(), 2U) << "one for each step that comes";
+  for (std::size_t i = 0; i < 2; ++i) EXPECT_EQ(drawn[i], std::pair(i + 1, Recipe::of_cells(1)));
+}
+
 // Files are read aside. One that cannot be read is the end.
 TEST_F(SessionSteps, OfFilesPlayUntilOneCannotBeRead) {
   const auto session = open(write_files("played.svols"));
