@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "builder/series/series_files.h"
 #include "player/sampling.h"
 #include "renderer/device/device.h"
 #include "tests/player/waves.h"
@@ -449,6 +450,52 @@ TEST_F(ViewerTest, FilmsATurn) {
   EXPECT_FALSE(fs::exists("v.mp4.frames"));
   EXPECT_EQ(scene().camera, before);
   EXPECT_EQ(scene().width, width - 336) << "the window's picture comes back";
+  fs::current_path(present);
+}
+
+// The step comes back, too. One that cannot be read ends the movie.
+TEST_F(ViewerTest, FilmsTheSteps) {
+  const fs::path present = fs::current_path();
+  fs::current_path(folder);
+  fs::create_directories("bin");
+  std::ofstream("bin/ffmpeg") << "#!/bin/sh\nls s.mp4.frames/*.png | wc -l > count\nfor last; do :; done\n"
+                                 "cmp -s s.mp4.frames/frame-0001.png s.mp4.frames/frame-0002.png || echo >> count\n"
+                                 "cp s.mp4.frames/frame-0003.png \"$last\"\n";
+  fs::permissions("bin/ffmpeg", fs::perms::owner_all);
+  const ProgramsFrom programs(path("bin"));
+  require(build_series_of_files({step_at(0), step_at(1), step_at(2)}, path("s.svols"), false, {},
+                                [](const char*, double) {}));
+  resize(width, 1100);
+  open({.volume = path("s.svols")});
+  settle();
+  click(100, 772);  // the section "camera path"
+  settle();
+  click(100, 904);  // "movie of"
+  click(40, 967);   // the steps
+  settle();
+  click(118, 929);  // from 1
+  frame({KeyChanged{key::left_control, true}});
+  click(100, 979);  // "frames each"
+  frame({KeyChanged{key::left_control, false}});
+  frame({TextTyped{'2'}});
+  press(key::enter);
+  const auto save_movie = [&] { click(70, 1051); };
+
+  save_movie();
+  settle();
+  ASSERT_TRUE(fs::exists("s.mp4"));
+  EXPECT_EQ(*read_text_file("count"), "4\n\n") << "two frames of two steps, which differ";
+  EXPECT_EQ(viewer->session()->step(), 2U);
+  EXPECT_EQ(scene().width, width - 336) << "the window's picture comes back";
+
+  fs::remove("s.mp4");
+  fs::remove("s-0001.svol");
+  save_movie();
+  settle();
+  EXPECT_FALSE(fs::exists("s.mp4"));
+  EXPECT_FALSE(fs::exists("s.mp4.frames"));
+  EXPECT_EQ(viewer->session()->step(), 2U);
+  EXPECT_THAT(viewer->session()->troubles(), testing::ElementsAre(HasSubstr("s-0001.svol")));
   fs::current_path(present);
 }
 
