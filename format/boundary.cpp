@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 #include "base/interruption.h"
@@ -45,14 +46,22 @@ Grid choose_grid(std::span<const Patch> patches, double error) {
   return {box.low, longest / (std::ldexp(1, bits) - 1)};
 }
 
+// The triangles in the order of the file: two-sided ones come last.
+std::vector<std::size_t> order_of_triangles(const TriangleMesh& mesh) {
+  std::vector<std::size_t> order(mesh.triangles.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_partition(order, [&](std::size_t i) { return !mesh.is_two_sided(i); });
+  return order;
+}
+
 // Numbers the points in the order in which triangles name them first. The code of an index is its distance from the
 // number that the next new point would have.
 Bytes make_payload(const TriangleMesh& mesh, const Grid& grid, PatchInfo& info) {
   std::vector<std::uint32_t> numbers(mesh.points.size(), none), codes;
   std::vector<std::array<std::int64_t, 3>> points;
   codes.reserve(3 * mesh.triangles.size());
-  for (const auto& corners : mesh.triangles)
-    for (const std::uint32_t corner : corners) {
+  for (const std::size_t triangle : order_of_triangles(mesh))
+    for (const std::uint32_t corner : mesh.triangles[triangle]) {
       const auto next = static_cast<std::uint32_t>(points.size());
       if (numbers[corner] == none) {
         numbers[corner] = next;
@@ -62,6 +71,7 @@ Bytes make_payload(const TriangleMesh& mesh, const Grid& grid, PatchInfo& info) 
     }
   info.points = points.size();
   info.triangles = mesh.triangles.size();
+  info.two_sided = static_cast<std::uint64_t>(std::ranges::count(mesh.two_sided, true));
   Bytes payload;
   if (codes.empty()) return payload;
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -203,12 +213,12 @@ Result<PackedBoundary> pack_boundary(std::span<const Patch> patches, double erro
 Status append_patch(const BoundaryInfo& boundary, std::size_t patch, const PatchPart& part,
                     std::span<const std::byte> packed, TriangleMesh& mesh, std::string_view what) {
   const PatchInfo& info = boundary.patches[patch];
-  const std::size_t first = mesh.points.size();
+  const std::size_t first = mesh.points.size(), first_triangle = mesh.triangles.size();
   if (first + info.points > none) return fail(ErrorCode::unsupported, "{}: more than 2^32 - 1 points at once", what);
   mesh.points.resize(first + info.points);
   std::array<std::uint32_t, 3> corners{};
   std::size_t corner = 0;
-  return read_patch(
+  SPLATVOL_TRY(read_patch(
       boundary, patch, part, packed,
       [&](int axis, std::size_t point, double coordinate) { mesh.points[first + point][axis] = coordinate; },
       [&](std::uint64_t point) {
@@ -216,7 +226,11 @@ Status append_patch(const BoundaryInfo& boundary, std::size_t patch, const Patch
         corner = (corner + 1) % 3;
         if (corner == 0) mesh.triangles.push_back(corners);
       },
-      what);
+      what));
+  if (mesh.two_sided.empty() && info.two_sided == 0) return {};
+  mesh.two_sided.resize(first_triangle + info.triangles - info.two_sided, false);
+  mesh.two_sided.resize(mesh.triangles.size(), true);
+  return {};
 }
 
 Status check_patch(const BoundaryInfo& boundary, std::size_t patch, const PatchPart& part,

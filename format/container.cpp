@@ -56,9 +56,10 @@ Bytes pack_front(Superblock superblock, bool is_step, std::span<const SectionEnt
     return std::ranges::find(sections, kind, &SectionEntry::kind) != sections.end();
   };
   const bool has_cells = has(SectionKind::cells) || has(SectionKind::cell_summaries);
-  superblock.minor_version = has_cells                    ? cells_minor_version
-                             : has(SectionKind::boundary) ? boundary_minor_version
-                                                          : minor_version;
+  const std::uint16_t of_sections = has_cells                    ? cells_minor_version
+                                    : has(SectionKind::boundary) ? boundary_minor_version
+                                                                 : minor_version;
+  superblock.minor_version = std::max(superblock.minor_version, of_sections);
   superblock.section_count = static_cast<std::uint32_t>(sections.size());
   superblock.section_table_hash = hash_bytes(std::as_bytes(sections));
   seal(superblock);

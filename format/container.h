@@ -21,7 +21,8 @@ namespace splatvol::format {
 void seal(Superblock& superblock);
 
 /// Returns the superblock and the section table of a file or a step. Sets magic, version, counts and hashes; the other
-/// fields of `superblock` are the caller's: lengths, and those of a series.
+/// fields of `superblock` are the caller's: lengths, and those of a series. A minor version that the caller sets is the
+/// lowest one.
 [[nodiscard]] Bytes pack_front(Superblock superblock, bool is_step, std::span<const SectionEntry> sections);
 
 /// A range of a file that begins with a superblock and a section table. Holds its preamble, and reads everything else

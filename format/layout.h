@@ -16,6 +16,7 @@ inline constexpr std::uint16_t major_version = 1;
 inline constexpr std::uint16_t minor_version = 0;
 inline constexpr std::uint16_t boundary_minor_version = 1;  // of a file with the section `boundary`
 inline constexpr std::uint16_t cells_minor_version = 2;     // of a file with the section `cells`
+inline constexpr std::uint16_t two_sided_minor_version = 3;  // of a file with two-sided triangles
 inline constexpr std::uint64_t max_preamble_bytes = 1u << 20;
 inline constexpr std::uint64_t min_first_read_bytes = 32u << 10;
 inline constexpr std::uint64_t max_first_read_bytes = 512u << 10;

@@ -179,6 +179,8 @@ Result<PatchInfo> read_patch(const JsonField& node) {
   SPLATVOL_TRY_SET(patch.triangles, node.member("triangles").whole(std::uint64_t{0}, most));
   if (patch.points > 3 * patch.triangles || patch.points + patch.triangles > most)
     return node.wrong("'{}' has too many points", patch.name);
+  if (node.has("two_sided"))
+    SPLATVOL_TRY_SET(patch.two_sided, node.member("two_sided").whole(std::uint64_t{0}, patch.triangles));
   return patch;
 }
 
@@ -302,8 +304,11 @@ json to_json(const BoundaryInfo& boundary) {
                {"quantisation_step", boundary.quantisation_step},
                {"error", boundary.error},
                {"patches", json::array()}};
-  for (const PatchInfo& patch : boundary.patches)
-    root["patches"].push_back({{"name", patch.name}, {"points", patch.points}, {"triangles", patch.triangles}});
+  for (const PatchInfo& patch : boundary.patches) {
+    json& node = root["patches"].emplace_back(
+        json{{"name", patch.name}, {"points", patch.points}, {"triangles", patch.triangles}});
+    if (patch.two_sided > 0) node["two_sided"] = patch.two_sided;
+  }
   return root;
 }
 

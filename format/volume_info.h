@@ -76,6 +76,7 @@ struct PatchInfo {
   std::string name;
   std::uint64_t points = 0;
   std::uint64_t triangles = 0;
+  std::uint64_t two_sided = 0;  // of the triangles: the last ones
 
   [[nodiscard]] bool operator==(const PatchInfo&) const = default;
 };

@@ -1,5 +1,6 @@
 #include "format/volume_writer.h"
 
+#include <algorithm>
 #include <array>
 
 #include "format/container.h"
@@ -14,6 +15,10 @@ constexpr std::uint64_t section_count = 7;  // without padding; a series has no 
 // Rows of at least this many bytes are moved without being copied, which needs padding. The choice depends on the file
 // alone.
 constexpr std::uint64_t padded_rows_bytes = 16u << 20;
+
+bool has_two_sided(const VolumeInfo& info) {
+  return info.boundary && std::ranges::any_of(info.boundary->patches, &PatchInfo::two_sided);
+}
 
 }  // namespace
 
@@ -256,6 +261,7 @@ void VolumeWriter::add_sections(const Tail& tail, const Bytes& padding) {
 // The superblock and the section table.
 Bytes VolumeWriter::pack_section_table() const {
   Superblock superblock{};
+  if (has_two_sided(info_)) superblock.minor_version = two_sided_minor_version;
   superblock.file_bytes = file_bytes_;
   superblock.critical_features = info_.series ? series_feature : 0;
   superblock.step_directory = step_directory_;

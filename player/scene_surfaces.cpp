@@ -17,9 +17,11 @@ namespace {
 
 constexpr std::size_t most_names = 4;  // in a message
 
-// Bytes of triangles while they are drawn: their points are there twice (draw_surfaces), and may have values.
+// Bytes of triangles while they are drawn: their points are there twice (draw_surfaces), and they or the points may have
+// values.
 std::uint64_t drawn_bytes(std::uint64_t points, std::uint64_t triangles) {
-  return (2 * sizeof(dvec3) + sizeof(double)) * points + sizeof(std::array<std::uint32_t, 3>) * triangles;
+  return 2 * sizeof(dvec3) * points + sizeof(std::array<std::uint32_t, 3>) * triangles +
+         sizeof(double) * std::max(points, triangles);
 }
 
 // The patches of a boundary that a surface shows.
@@ -87,9 +89,9 @@ std::vector<Surface> reusable(std::span<const Surface> before, const PatchChoice
   return surfaces;
 }
 
-// Reads the values of cells at positions. A part of them at a time bounds the memory.
-Result<std::vector<double>> sample_at(std::span<const dvec3> positions, const format::Volume& volume,
-                                      const std::string& attribute) {
+// Reads the values of cells at the points of a mesh; at the middles of its triangles, if cells have one value each. A
+// part of them at a time bounds the memory.
+Result<SurfaceValues> sample_at(const TriangleMesh& mesh, const format::Volume& volume, const std::string& attribute) {
   constexpr std::uint64_t held_bytes = std::uint64_t{16} << 20;
   constexpr std::size_t at_once = std::size_t{1} << 18;
   SPLATVOL_TRY_ASSIGN(number, format::find_attribute(volume.info(), attribute, volume.name()));
@@ -100,11 +102,15 @@ Result<std::vector<double>> sample_at(std::span<const dvec3> positions, const fo
         "{}: it keeps no cells, and only these have values for \"color_by\" of a surface: build it from a mesh, "
         "without --drop-cells",
         volume.name());
-  std::vector<double> values;
-  for (std::size_t begin = 0; begin < positions.size(); begin += at_once) {
-    SPLATVOL_TRY_ASSIGN(part,
-                        sample_cells(*cells, positions.subspan(begin, std::min(at_once, positions.size() - begin))));
-    values.insert(values.end(), part.begin(), part.end());
+  SurfaceValues values{attribute, volume.name(), volume.step_key(), {}, cells->has_constant()};
+  const std::size_t count = values.of_triangles ? mesh.triangles.size() : mesh.points.size();
+  std::vector<dvec3> positions;
+  for (std::size_t begin = 0; begin < count; begin += at_once) {
+    positions.clear();
+    for (std::size_t i = begin; i < std::min(count, begin + at_once); ++i)
+      positions.push_back(values.of_triangles ? middle_of(mesh, i) : mesh.points[i]);
+    SPLATVOL_TRY_ASSIGN(part, sample_cells(*cells, positions));
+    values.values.insert(values.values.end(), part.begin(), part.end());
   }
   return values;
 }
@@ -137,9 +143,8 @@ Status add_values(std::span<Surface> surfaces, const format::Volume& volume, std
       surface.values = same->values;
       continue;
     }
-    SPLATVOL_TRY_ASSIGN(values, sample_at(surface.mesh->points, volume, attribute));
-    surface.values =
-        std::make_shared<const SurfaceValues>(attribute, volume.name(), volume.step_key(), std::move(values));
+    SPLATVOL_TRY_ASSIGN(values, sample_at(*surface.mesh, volume, attribute));
+    surface.values = std::make_shared<const SurfaceValues>(std::move(values));
   }
   return {};
 }

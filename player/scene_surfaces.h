@@ -23,9 +23,9 @@ namespace splatvol {
                                                                const ReadSurface& read_file, std::uint64_t room,
                                                                std::span<const Surface> before);
 
-/// Gives surfaces that are shown the values that colour them: of the cells of `volume` at the triangles' corners. Those
-/// of the same triangles, attribute and step are taken over from `before`. Fails if the file keeps no cells, or cannot
-/// be read.
+/// Gives surfaces that are shown the values that colour them: of the cells of `volume` at the triangles' corners, or in
+/// their middles if cells have one value each. Those of the same triangles, attribute and step are taken over from
+/// `before`. Fails if the file keeps no cells, or cannot be read.
 [[nodiscard]] Status add_values(std::span<Surface> surfaces, const format::Volume& volume,
                                 std::span<const Surface> before);
 

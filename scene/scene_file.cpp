@@ -230,8 +230,22 @@ Result<SceneColoring> read_coloring(const JsonField& field) {
   return coloring;
 }
 
+constexpr std::array<std::pair<std::string_view, NearSide>, 3> near_sides = {
+    {{"shown", NearSide::shown}, {"translucent", NearSide::translucent}, {"hidden", NearSide::hidden}}};
+
+Status read_near_side(const JsonField& field, SceneSurface& surface) {
+  if (!field.exists()) return {};
+  SPLATVOL_TRY_ASSIGN(word, field.text());
+  const auto found = std::ranges::find(near_sides, word, [](auto& side) { return side.first; });
+  if (found == near_sides.end()) return field.wrong("'{}' is none of shown, translucent and hidden", word);
+  if (surface.boundary.empty() && found->second != NearSide::shown)
+    return field.wrong("only a patch, \"boundary\", has a near side: a file of a surface does not tell where cells are");
+  surface.near_side = found->second;
+  return {};
+}
+
 Result<SceneSurface> read_surface(const JsonField& field) {
-  SPLATVOL_TRY(field.check_names({"file", "boundary", "color", "color_by", "opacity", "shown", "edges"}));
+  SPLATVOL_TRY(field.check_names({"file", "boundary", "color", "color_by", "opacity", "shown", "edges", "near_side"}));
   SceneSurface surface;
   if (field.has("file") && field.has("boundary")) return field.wrong("give \"file\" or \"boundary\", not both");
   if (field.has("boundary"))
@@ -243,6 +257,7 @@ Result<SceneSurface> read_surface(const JsonField& field) {
   SPLATVOL_TRY(read_opacity(field.member("opacity"), surface.opacity));
   SPLATVOL_TRY(read_truth(field.member("shown"), surface.shown));
   SPLATVOL_TRY(read_truth(field.member("edges"), surface.edges));
+  SPLATVOL_TRY(read_near_side(field.member("near_side"), surface));
   return surface;
 }
 
@@ -465,6 +480,8 @@ nlohmann::ordered_json json_of(const SceneSurface& surface) {
                                      {"shown", surface.shown},
                                      {"edges", surface.edges}};
   if (surface.color_by) document["color_by"] = json_of(*surface.color_by);
+  if (surface.near_side != NearSide::shown && !surface.boundary.empty())
+    document["near_side"] = std::ranges::find(near_sides, surface.near_side, [](auto& side) { return side.second; })->first;
   return document;
 }
 

@@ -8,9 +8,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory_limit.h"
-#include "base/names.h"
 #include "builder/boundary/boundary_faces.h"
-#include "builder/boundary/simplify.h"
 #include "builder/opening/open_own.h"
 #include "pictures/image.h"
 #include "renderer/reference/reference.h"
@@ -20,6 +18,7 @@
 #include "tools/cells_option.h"
 #include "tools/reading.h"
 #include "tools/scene_options.h"
+#include "tools/svtruth_surfaces.h"
 #include "tools/tool.h"
 #include "tools/version.h"
 
@@ -43,14 +42,36 @@ struct Options {
 /// The whole input.
 struct Mesh {
   std::vector<dvec3> points;
-  std::vector<double> values;
+  std::vector<std::string> attributes;      // of the scene
+  std::vector<std::vector<double>> values;  // [attribute]: of the points
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;
-  bool constant = false;               // values: of the tetrahedra
-  std::vector<double> opacity_values;  // as values; none without an opacity
-  std::vector<double> color_values;    // as values; none unless an attribute colours contours
+  bool constant = false;  // values: of the tetrahedra
 
-  [[nodiscard]] TetMesh view() const { return {points, values, tetrahedra, constant, opacity_values, color_values}; }
+  // None for an empty name.
+  [[nodiscard]] std::span<const double> values_of(const std::string& attribute) const {
+    const auto found = std::ranges::find(attributes, attribute);
+    if (found == attributes.end()) return {};
+    return values[static_cast<std::size_t>(found - attributes.begin())];
+  }
+  [[nodiscard]] TetMesh view(const Scene& scene) const {
+    return {points,   values_of(scene.attribute),           tetrahedra,
+            constant, values_of(opacity_attribute_of(scene)), values_of(contours_of(scene).attribute)};
+  }
 };
+
+/// The attributes that a scene needs, that of the volume first. None is there twice.
+std::vector<std::string> attributes_of(const Scene& scene) {
+  std::vector<std::string> attributes = {scene.attribute};
+  const auto add = [&](const std::string& attribute) {
+    if (!attribute.empty() && std::ranges::find(attributes, attribute) == attributes.end())
+      attributes.push_back(attribute);
+  };
+  add(opacity_attribute_of(scene));
+  add(contours_of(scene).attribute);
+  for (const SceneSurface& surface : scene.surfaces)
+    if (surface.shown && surface.color_by) add(surface.color_by->attribute);
+  return attributes;
+}
 
 void append_values(const Piece& piece, std::size_t attribute, std::vector<double>& values) {
   const std::vector<double>& all = piece.values[attribute];
@@ -62,21 +83,14 @@ void append_values(const Piece& piece, std::size_t attribute, std::vector<double
     if (point != PointCells::no_point) values.push_back(all[point]);
 }
 
-/// Of Piece::values; none without an opacity, and unless an attribute colours contours.
-struct OtherAttributes {
-  std::optional<std::size_t> opacity, color;
-};
-
-Status append_piece(const Piece& piece, const OtherAttributes& others, Mesh& mesh) {
+Status append_piece(const Piece& piece, Mesh& mesh) {
   const std::vector<dvec3>& points = piece.cells ? piece.cells->corners : piece.points;
   const auto& tetrahedra = piece.cells ? piece.cells->tetrahedra : piece.tetrahedra;
   if (points.size() > std::numeric_limits<std::uint32_t>::max() - mesh.points.size())
     return fail(ErrorCode::unsupported, "more than 4294967295 points");
   const auto offset = static_cast<std::uint32_t>(mesh.points.size());
   mesh.points.insert(mesh.points.end(), points.begin(), points.end());
-  append_values(piece, 0, mesh.values);
-  if (others.opacity) append_values(piece, *others.opacity, mesh.opacity_values);
-  if (others.color) append_values(piece, *others.color, mesh.color_values);
+  for (std::size_t i = 0; i < mesh.values.size(); ++i) append_values(piece, i, mesh.values[i]);
   mesh.tetrahedra.reserve(mesh.tetrahedra.size() + tetrahedra.size());
   for (std::size_t t = 0; t < tetrahedra.size(); ++t) {
     if (piece.cells && piece.cells->points[t] == PointCells::no_point) continue;
@@ -90,28 +104,20 @@ Status append_piece(const Piece& piece, const OtherAttributes& others, Mesh& mes
 /// Reads the attributes of a scene. `boundary`: gets the faces of all pieces; may be null.
 Result<Mesh> read_mesh(const std::vector<std::string>& paths, const Scene& scene, SourceOptions source_options,
                        const ReaderProcessOptions& reader_options, BoundaryFaces* boundary) {
-  source_options.selection = {scene.attribute};
-  const auto select = [&](const std::string& attribute) -> std::optional<std::size_t> {
-    if (attribute.empty()) return std::nullopt;
-    std::vector<std::string>& selection = source_options.selection;
-    const auto found = std::ranges::find(selection, attribute);
-    const auto number = static_cast<std::size_t>(found - selection.begin());
-    if (found == selection.end()) selection.push_back(attribute);
-    return number;
-  };
-  OtherAttributes others{.opacity = select(opacity_attribute_of(scene)), .color = select(contours_of(scene).attribute)};
+  source_options.selection = attributes_of(scene);
   SPLATVOL_TRY(check_no_address(paths));
   warn_of_left_out(paths);
   ReaderProcess reader(reader_options);
   SPLATVOL_TRY_ASSIGN(source, open_safely(reader, paths, source_options));
   ProgressBar bar("read");
-  Mesh mesh;
+  Mesh mesh{.points = {}, .attributes = attributes_of(scene), .values = {}, .tetrahedra = {}};
+  mesh.values.resize(mesh.attributes.size());
   for (std::size_t read = 1;; ++read) {
     SPLATVOL_TRY_ASSIGN(piece, source->next());
     if (!piece) break;
     mesh.constant = piece->cells.has_value();
     if (boundary) SPLATVOL_TRY(boundary->add(*piece));
-    if (auto status = append_piece(*piece, others, mesh); !status) return fail_in(paths.front(), status.error());
+    if (auto status = append_piece(*piece, mesh); !status) return fail_in(paths.front(), status.error());
     bar.update(static_cast<double>(read) / static_cast<double>(source->piece_count()));
   }
   if (mesh.tetrahedra.empty()) return fail(ErrorCode::invalid_data, "{}: no cells with a volume", paths.front());
@@ -129,29 +135,25 @@ Result<std::vector<SlicePicture>> draw_slices(const TetMesh& mesh, const View& v
   return pictures;
 }
 
-/// Returns the patches that a scene names.
-Result<TriangleMesh> join_patches(const std::string& path, const std::string& pattern, const Boundary& boundary) {
-  std::vector<std::string> names;
-  for (const Patch& patch : boundary.patches) names.push_back(patch.name);
-  SPLATVOL_TRY_ASSIGN(found, find_patches(path, pattern, names));
-  TriangleMesh joined;
-  for (const std::size_t number : found) {
-    const TriangleMesh& mesh = boundary.patches[number].mesh;
-    const auto first = static_cast<std::uint32_t>(joined.points.size());
-    joined.points.insert(joined.points.end(), mesh.points.begin(), mesh.points.end());
-    for (auto triangle : mesh.triangles) {
-      for (std::uint32_t& corner : triangle) corner += first;
-      joined.triangles.push_back(triangle);
-    }
+/// Gives surfaces the values that colour them.
+void add_values(const Mesh& mesh, std::span<Surface> surfaces) {
+  for (Surface& surface : surfaces) {
+    if (!surface.is_visible() || !surface.style.color_by) continue;
+    const std::string& attribute = surface.style.color_by->attribute;
+    std::vector<dvec3> middles;
+    for (std::size_t i = 0; mesh.constant && i < surface.mesh->triangles.size(); ++i)
+      middles.push_back(middle_of(*surface.mesh, i));
+    const TetMesh sampled{mesh.points, mesh.values_of(attribute), mesh.tetrahedra, mesh.constant};
+    surface.values = std::make_shared<const SurfaceValues>(
+        attribute, "", 0, sample_mesh(sampled, mesh.constant ? middles : surface.mesh->points), mesh.constant);
   }
-  return joined;
 }
 
 // Draws the volume in front of each layer of surfaces, and joins all.
 Result<ReferencePicture> render_with_progress(const Mesh& mesh, const Scene& scene, std::span<const Surface> surfaces,
                                               unsigned threads) {
   ProgressBar bar("draw");
-  const TetMesh tet_mesh = mesh.view();
+  const TetMesh tet_mesh = mesh.view(scene);
   SPLATVOL_TRY_ASSIGN(view, make_view(scene));
   SPLATVOL_TRY_ASSIGN(slices, draw_slices(tet_mesh, view, scene.transfer_function));
   const SurfaceLayers drawn = draw_surfaces(surfaces, slices, view, std::numeric_limits<std::size_t>::max());
@@ -201,9 +203,6 @@ Status draw(const Options& options) {
   inputs.push_back(options.scene);
   SPLATVOL_TRY(check_outputs({options.output}, inputs));
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
-  if (std::ranges::any_of(scene.surfaces, [](const SceneSurface& one) { return one.shown && one.color_by; }))
-    return fail(ErrorCode::unsupported, "{}: svtruth does not colour surfaces by values: leave \"color_by\" out",
-                options.scene);
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
   SourceOptions source_options{
       .cells = cell_values_of(options.cells), .missing = options.missing, .displacements = !options.no_displacements};
@@ -221,6 +220,7 @@ Status draw(const Options& options) {
                       read_surfaces(scene.surfaces, {surface_reader(reader_options), [&](const std::string& pattern) {
                                                        return join_patches(options.meshes.front(), pattern, boundary);
                                                      }}));
+  add_values(mesh, surfaces);
 
   Result<ReferencePicture> picture;
   std::vector<double> seconds;

@@ -57,6 +57,7 @@ void Panel::begin() {
   movie.begin(stem);
   mesh.begin(stem);
   planes.reset();
+  surfaces_ = {};
 }
 
 void Panel::end() {
@@ -132,7 +133,7 @@ std::optional<std::string> Panel::draw_sections() {
     draw_lighting_controls(session.scene);
     draw_camera_controls(viewer_);
     draw_clip_box_controls(session.scene, session.mesh_box());
-    draw_surface_controls(session);
+    surfaces_.draw(session);
     draw_shown_controls(session.scene, viewer_.shown);
   }
   if (ImGui::CollapsingHeader("camera path")) {

@@ -11,6 +11,7 @@
 #include "viewer/save_section.h"
 #include "viewer/slice_controls.h"
 #include "viewer/state.h"
+#include "viewer/surface_section.h"
 #include "viewer/transfer_editor.h"
 #include "viewer/view_section.h"
 
@@ -59,6 +60,7 @@ class Panel {
   ViewerState& viewer_;
   TransferEditor editor_, opacity_editor_;
   DetailControls detail_;
+  SurfaceSection surfaces_;
 };
 
 }  // namespace splatvol

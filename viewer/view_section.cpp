@@ -3,85 +3,16 @@
 #include <fmt/format.h>
 #include <imgui.h>
 
-#include <algorithm>
-#include <filesystem>
+#include <string>
 #include <tuple>
 
 #include "player/choice.h"
-#include "viewer/coloring.h"
 #include "viewer/window/gui_units.h"
 
 namespace splatvol {
 namespace {
 
 constexpr double usual_tolerance = 1;  // per cent
-constexpr std::size_t most_rows = 8;   // beyond, the list scrolls
-
-std::string name_of(const SceneSurface& surface) {
-  if (!surface.boundary.empty()) return surface.boundary;
-  return std::filesystem::path(surface.file).filename().string();
-}
-
-// Returns whether the box was clicked. A name may hold any characters, also ImGui's marks.
-bool draw_row(std::size_t number, const std::string& name, bool& shown) {
-  ImGui::PushID(static_cast<int>(number));
-  const bool clicked = ImGui::Checkbox("##shown", &shown);
-  ImGui::SameLine();
-  ImGui::TextUnformatted(name.c_str());
-  ImGui::PopID();
-  return clicked;
-}
-
-// The patches of the file's boundary.
-std::vector<std::string> patches_of(const format::VolumeInfo& info) {
-  std::vector<std::string> names;
-  if (!info.boundary) return names;
-  for (const format::PatchInfo& patch : info.boundary->patches)
-    if (patch.triangles > 0) names.push_back(patch.name);
-  return names;
-}
-
-// A row of the list of surfaces.
-struct SurfaceRow {
-  std::string name;
-  std::optional<std::size_t> surface = {};  // of the scene; none: a patch that the scene does not have
-};
-
-// Patches have the file's order, so that no row moves when its patch becomes a surface.
-std::vector<SurfaceRow> rows_of(const std::vector<SceneSurface>& surfaces, const std::vector<std::string>& patches) {
-  std::vector<SurfaceRow> rows;
-  for (std::size_t i = 0; i < surfaces.size(); ++i)
-    if (std::ranges::find(patches, surfaces[i].boundary) == patches.end()) rows.push_back({name_of(surfaces[i]), i});
-  for (const std::string& patch : patches) {
-    const std::size_t before = rows.size();
-    for (std::size_t i = 0; i < surfaces.size(); ++i)
-      if (surfaces[i].boundary == patch) rows.push_back({patch, i});
-    if (rows.size() == before) rows.push_back({patch});
-  }
-  return rows;
-}
-
-// One choice for all surfaces that are shown. It comes below them, so that their rows stay.
-void draw_surface_colors(Session& session) {
-  std::vector<SceneSurface>& surfaces = session.scene.surfaces;
-  const auto first = std::ranges::find_if(surfaces, &SceneSurface::shown);
-  if (first == surfaces.end()) return;
-  ImGui::BeginDisabled(!session.info().cells);
-  if (ImGui::BeginCombo("surfaces by", first->color_by ? first->color_by->attribute.c_str() : "their colours")) {
-    const auto color = [&](const std::optional<SceneColoring>& coloring) {
-      for (SceneSurface& surface : surfaces)
-        if (surface.shown) surface.color_by = coloring;
-    };
-    if (ImGui::Selectable("their colours", !first->color_by)) color(std::nullopt);
-    for (const format::Attribute& attribute : session.info().attributes)
-      if (ImGui::Selectable(attribute.name.c_str(), first->color_by && first->color_by->attribute == attribute.name))
-        color(coloring_by(session.scene, attribute));
-    ImGui::EndCombo();
-  }
-  ImGui::EndDisabled();
-  hint(session.info().cells ? "The values of the cells at the surfaces that are shown"
-                            : "This file keeps no cells, and only these have values at surfaces.");
-}
 
 }  // namespace
 
@@ -176,28 +107,6 @@ void draw_clip_box_controls(Scene& scene, const Box& bounds) {
       clip_box->low[axis] = range[0], clip_box->high[axis] = range[1];
     hint("In the units of the file's coordinates.\nDrag, or control click: type a number.");
   }
-}
-
-void draw_surface_controls(Session& session) {
-  std::vector<SceneSurface>& surfaces = session.scene.surfaces;
-  const std::vector<SurfaceRow> rows = rows_of(surfaces, patches_of(session.info()));
-  if (rows.empty()) return;
-  ImGui::TextUnformatted("surfaces");
-  const float row_height = ImGui::GetFrameHeightWithSpacing();
-  const bool scrolls = rows.size() > most_rows;
-  if (scrolls) ImGui::BeginChild("surfaces", {0, row_height * most_rows}, true);
-  for (std::size_t number = 0; number < rows.size(); ++number) {
-    const SurfaceRow& row = rows[number];
-    bool shown = false;
-    if (row.surface)
-      draw_row(number, row.name, surfaces[*row.surface].shown);
-    else if (draw_row(number, row.name, shown))
-      surfaces.push_back({.boundary = row.name});
-  }
-  if (scrolls) ImGui::EndChild();
-  draw_surface_colors(session);
-  if (const auto left_out = session.left_out())
-    ImGui::TextWrapped("%s: svview --memory grants more", left_out->message.c_str());
 }
 
 void draw_shown_controls(Scene& scene, Shown& shown) {

@@ -24,9 +24,6 @@ void draw_camera_controls(ViewerState& viewer);
 /// `bounds`: of the data, where the box begins.
 void draw_clip_box_controls(Scene& scene, const Box& bounds);
 
-/// Draws the list of the scene's surfaces and of the patches of the file's boundary.
-void draw_surface_controls(Session& session);
-
 /// Draws the switches of what is shown besides the picture.
 void draw_shown_controls(Scene& scene, Shown& shown);
 

@@ -40,6 +40,12 @@ struct Surface {
   std::vector<std::uint32_t> patches;  // [triangle]
 };
 
+// Triangles without a side are a patch of their own while triangles are made fewer: that of a number behind all patches.
+void set_sides_apart(const std::vector<bool>& sides, std::size_t patches, Surface& surface) {
+  for (std::size_t i = 0; i < sides.size(); ++i)
+    if (!sides[i] && surface.patches[i] < patches) surface.patches[i] += static_cast<std::uint32_t>(patches);
+}
+
 dvec3 area_of(const Surface& surface, const Triangle& triangle) {
   const dvec3& a = surface.points[triangle[0]];
   return glm::cross(surface.points[triangle[1]] - a, surface.points[triangle[2]] - a) / 2.0;
@@ -62,8 +68,8 @@ bool is_covered(const Surface& surface, const TriangleTree& tree, const std::vec
   });
 }
 
-// Removes the faces at hanging nodes.
-void remove_covered(const std::vector<bool>& sides, Surface& surface) {
+// Removes the faces at hanging nodes. `sides`: [triangle].
+void remove_covered(Surface& surface, std::vector<bool>& sides) {
   std::vector<std::uint8_t> covered(surface.triangles.size());
   {
     const TriangleTree tree(surface.points, surface.triangles);
@@ -74,9 +80,11 @@ void remove_covered(const std::vector<bool>& sides, Surface& surface) {
   std::size_t kept = 0;
   for (std::size_t i = 0; i < covered.size(); ++i) {
     if (covered[i] != 0) continue;
+    sides[kept] = sides[i];
     surface.triangles[kept] = surface.triangles[i];
     surface.patches[kept++] = surface.patches[i];
   }
+  sides.resize(kept);
   surface.triangles.resize(kept);
   surface.patches.resize(kept);
 }
@@ -144,16 +152,18 @@ void collapse_edges(std::uint64_t most, Surface& surface) {
   }
 }
 
-// Joins the points in cells of a grid until the triangles are few enough.
-Status cluster_vertices(std::uint64_t most, Surface& surface) {
+// Joins the points in cells of a grid until the triangles are few enough. `patches`: number of them.
+Status cluster_vertices(std::uint64_t most, std::size_t patches, Surface& surface) {
   Box box;
   for (const dvec3& point : surface.points) box.include(point);
   WeldedSurface welded(box, most);
   for (std::size_t i = 0; i < surface.triangles.size(); ++i) {
     const auto& [a, b, c] = surface.triangles[i];
-    SPLATVOL_TRY(welded.add({{surface.points[a], surface.points[b], surface.points[c]}, surface.patches[i], false}));
+    const std::uint32_t patch = surface.patches[i];
+    SPLATVOL_TRY(welded.add({{surface.points[a], surface.points[b], surface.points[c]}, patch, patch < patches}));
   }
   surface = {welded.points(), welded.triangles(), welded.patches()};
+  set_sides_apart(welded.sides(), patches, surface);
   return {};
 }
 
@@ -180,26 +190,44 @@ std::vector<dvec3> used_points(const Surface& surface) {
   return points;
 }
 
-// Orders triangles so that neighbours follow each other: that packs well.
-TriangleMesh make_mesh(const Surface& surface, std::span<const Triangle> triangles,
+// The triangles of one patch: those with a side, and those without.
+std::array<std::span<const Triangle>, 2> triangles_of(const Surface& surface, std::size_t patch, std::size_t patches) {
+  std::array<std::span<const Triangle>, 2> triangles;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const auto [begin, end] = std::ranges::equal_range(surface.patches, patch + i * patches);
+    triangles[i] = std::span(surface.triangles)
+                       .subspan(static_cast<std::size_t>(begin - surface.patches.begin()),
+                                static_cast<std::size_t>(end - begin));
+  }
+  return triangles;
+}
+
+// Orders triangles so that neighbours follow each other: that packs well. `numbers`: scratch memory, [point]: `none`.
+TriangleMesh make_mesh(const Surface& surface, const std::array<std::span<const Triangle>, 2>& triangles,
                        std::vector<std::uint32_t>& numbers) {
   TriangleMesh mesh;
-  std::vector<std::uint32_t> indices, used;
-  for (const Triangle& triangle : triangles)
-    for (const std::uint32_t point : triangle) {
-      if (numbers[point] == none) {
-        numbers[point] = static_cast<std::uint32_t>(used.size());
-        used.push_back(point);
+  std::vector<std::uint32_t> used;
+  for (const std::span<const Triangle> some : triangles) {
+    std::vector<std::uint32_t> indices;
+    for (const Triangle& triangle : some)
+      for (const std::uint32_t point : triangle) {
+        if (numbers[point] == none) {
+          numbers[point] = static_cast<std::uint32_t>(used.size());
+          used.push_back(point);
+        }
+        indices.push_back(numbers[point]);
       }
-      indices.push_back(numbers[point]);
-    }
+    if (!indices.empty()) meshopt_optimizeVertexCache(indices.data(), indices.data(), indices.size(), used.size());
+    for (std::size_t i = 0; i < indices.size(); i += 3)
+      mesh.triangles.push_back({indices[i], indices[i + 1], indices[i + 2]});
+  }
   for (const std::uint32_t point : used) {
     mesh.points.push_back(surface.points[point]);
     numbers[point] = none;
   }
-  if (!indices.empty()) meshopt_optimizeVertexCache(indices.data(), indices.data(), indices.size(), used.size());
-  for (std::size_t i = 0; i < indices.size(); i += 3)
-    mesh.triangles.push_back({indices[i], indices[i + 1], indices[i + 2]});
+  if (triangles[1].empty()) return mesh;
+  mesh.two_sided.resize(triangles[0].size(), false);
+  mesh.two_sided.resize(mesh.triangles.size(), true);
   return mesh;
 }
 
@@ -232,11 +260,8 @@ std::vector<Patch> make_patches(const Surface& surface, std::span<const std::str
   std::vector<Patch> patches;
   std::vector<std::uint32_t> numbers(surface.points.size(), none);
   for (const std::uint32_t number : order_of_patches(names, named)) {
-    const auto begin = std::ranges::lower_bound(surface.patches, number) - surface.patches.begin();
-    const auto end = std::ranges::upper_bound(surface.patches, number) - surface.patches.begin();
-    if (number == 0 && begin == end && names.size() > 1) continue;
-    const auto triangles =
-        std::span(surface.triangles).subspan(static_cast<std::size_t>(begin), static_cast<std::size_t>(end - begin));
+    const auto triangles = triangles_of(surface, number, names.size());
+    if (number == 0 && triangles[0].empty() && triangles[1].empty() && names.size() > 1) continue;
     patches.push_back({names[number], make_mesh(surface, triangles, numbers)});
   }
   return patches;
@@ -256,18 +281,21 @@ Result<WeldedSurface> weld(BoundaryFaces& faces, std::uint64_t most, std::uint64
 Result<Boundary> make_boundary(BoundaryFaces& faces, std::uint64_t most_held, std::uint64_t most) {
   Boundary boundary;
   Surface surface;
+  std::vector<bool> sides;
   double moved = 0;
   {
     SPLATVOL_TRY_ASSIGN(welded, weld(faces, most_held, boundary.triangles));
     moved = welded.moved();
     surface = {welded.points(), welded.triangles(), welded.patches()};
+    sides = welded.sides();
     boundary.held_bytes = std::min(boundary.triangles, most_held) * (WeldedSurface::triangle_bytes + work_bytes);
     if (moved == 0) {
-      remove_covered(welded.sides(), surface);
+      remove_covered(surface, sides);
       boundary.triangles = surface.triangles.size();
     }
   }
   const std::vector<std::string> names = split_rest_of(faces, surface);
+  set_sides_apart(sides, names.size(), surface);
   group_by_patch(surface);
   SPLATVOL_TRY(check_interruption());
   boundary.error = moved;
@@ -275,7 +303,7 @@ Result<Boundary> make_boundary(BoundaryFaces& faces, std::uint64_t most_held, st
     const std::vector<dvec3> before = used_points(surface);
     collapse_edges(most, surface);
     if (surface.triangles.size() > most) {
-      SPLATVOL_TRY(cluster_vertices(most, surface));
+      SPLATVOL_TRY(cluster_vertices(most, names.size(), surface));
       group_by_patch(surface);
     }
     boundary.error += distance_to(surface, before);

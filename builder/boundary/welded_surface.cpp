@@ -15,6 +15,12 @@ namespace {
 
 constexpr int finest_depth = 20;
 
+// Whether triangles with the same points run the same way round.
+bool run_alike(const WeldedSurface::Triangle& one, const WeldedSurface::Triangle& other) {
+  const auto [a, b, c] = one;
+  return other == one || other == WeldedSurface::Triangle{b, c, a} || other == WeldedSurface::Triangle{c, a, b};
+}
+
 }  // namespace
 
 template <class T>
@@ -56,7 +62,12 @@ void WeldedSurface::add_points(const Triangle& points, std::uint32_t patch, bool
   if (depth_) {
     Named named = {points[0], points[1], points[2], patch};
     std::sort(named.begin(), named.begin() + 3);
-    if (!named_.insert(named).second) return;
+    const auto [found, is_new] = named_.try_emplace(named, triangles_.size());
+    if (!is_new) {
+      const std::size_t same = found->second;
+      sides_[same] = sides_[same] && has_side && run_alike(triangles_[same], points);
+      return;
+    }
   }
   triangles_.push_back(points);
   patches_.push_back(patch);

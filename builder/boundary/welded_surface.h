@@ -2,10 +2,10 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <unordered_map>
-#include <unordered_set>
 #include <vector>
 
 #include "base/error.h"
@@ -15,8 +15,9 @@
 namespace splatvol {
 
 /// Holds triangles: corners at one position are one point. If there are too many, the points in each cell of a grid
-/// become one, at their mean, and triangles that lose a corner go. The cells are as small as the limit allows. Both do
-/// not depend on the order of the triangles, but for rounding. Not thread-safe.
+/// become one, at their mean, and triangles that lose a corner go. Triangles of a patch that become one have a side if
+/// all of them have the same. The cells are as small as the limit allows. Both do not depend on the order of the
+/// triangles, but for rounding. Not thread-safe.
 class WeldedSurface {
  public:
   using Triangle = std::array<std::uint32_t, 3>;
@@ -62,7 +63,7 @@ class WeldedSurface {
   std::vector<Triangle> triangles_;
   std::vector<std::uint32_t> patches_;
   std::vector<bool> sides_;
-  std::unordered_set<Named, Hash> named_;  // with a grid: triangles that are there
+  std::unordered_map<Named, std::size_t, Hash> named_;  // with a grid: the numbers of triangles
 };
 
 }  // namespace splatvol

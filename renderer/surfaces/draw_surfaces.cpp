@@ -74,6 +74,12 @@ class TriangleOnRays {
     return (e[0] * corners_[0].z + e[1] * corners_[1].z + e[2] * corners_[2].z) / (e[0] + e[1] + e[2]);
   }
 
+  // Whether the corners run counterclockwise as the ray sees them. It must meet the triangle.
+  [[nodiscard]] bool is_from_outside(double a) {
+    shear(a);
+    return side_of(0, edge(0)) > 0;
+  }
+
   // Returns the shares of the corners at the place; they sum up to 1.
   [[nodiscard]] std::array<double, 3> shares(double a) {
     shear(a);
@@ -158,10 +164,11 @@ class SurfaceDrawing {
   [[nodiscard]] std::vector<Hit> next_translucent(const std::vector<Hit>& opaque, const std::vector<Hit>& before) const;
   [[nodiscard]] PixelRectangle bounds_of(const std::array<dvec3, 3>& corners) const;
   template <class Visit>
-  void visit_hits(const ViewedSurface& surface, const Visit& visit) const;
+  void visit_hits(const ViewedSurface& surface, bool opaque, const Visit& visit) const;
   template <class Visit>
-  void visit_tile(const ViewedSurface& surface, std::size_t first, std::span<const std::uint32_t> triangles,
-                  std::span<const PixelRectangle> bounds, const PixelRectangle& tile, const Visit& visit) const;
+  void visit_tile(const ViewedSurface& surface, bool opaque, std::size_t first,
+                  std::span<const std::uint32_t> triangles, std::span<const PixelRectangle> bounds,
+                  const PixelRectangle& tile, const Visit& visit) const;
   template <class Visit>
   void visit_slices(bool opaque, const Visit& visit) const;
   [[nodiscard]] SurfaceLayer layer_of(const std::vector<Hit>& hits, const std::vector<Hit>& opaque) const;
@@ -186,7 +193,7 @@ class SurfaceDrawing {
 
 bool SurfaceDrawing::has_translucent() const {
   const auto is_translucent = [](const vec4& light) { return light.a > 0 && light.a < 1; };
-  return std::ranges::any_of(surfaces_, [](const ViewedSurface& one) { return one.surface->style.opacity < 1; }) ||
+  return std::ranges::any_of(surfaces_, [](const ViewedSurface& one) { return one.surface->has_translucent(); }) ||
          std::ranges::any_of(slices_, [&](const SlicePicture& slice) {
            return std::ranges::any_of(slice.light.pixels, is_translucent);
          });
@@ -221,7 +228,7 @@ PixelRectangle SurfaceDrawing::bounds_of(const std::array<dvec3, 3>& corners) co
 }
 
 template <class Visit>
-void SurfaceDrawing::visit_tile(const ViewedSurface& surface, std::size_t first,
+void SurfaceDrawing::visit_tile(const ViewedSurface& surface, bool opaque, std::size_t first,
                                 std::span<const std::uint32_t> triangles, std::span<const PixelRectangle> bounds,
                                 const PixelRectangle& tile, const Visit& visit) const {
   for (const std::uint32_t i : triangles) {
@@ -231,16 +238,18 @@ void SurfaceDrawing::visit_tile(const ViewedSurface& surface, std::size_t first,
       triangle.select_row(b_of(y));
       for (int x = std::max(all.x0, tile.x0); x <= std::min(all.x1, tile.x1); ++x) {
         const double depth = triangle.depth(a_of(x));
-        if (depth > 0 && depth < infinity && !is_clipped(view_, a_of(x), b_of(y), depth))
-          visit(pixel(x, y), Hit{depth, surface.first + first + i});
+        if (!(depth > 0 && depth < infinity) || is_clipped(view_, a_of(x), b_of(y), depth)) continue;
+        const double opacity = surface.surface->opacity(first + i, triangle.is_from_outside(a_of(x)));
+        if (opacity > 0 && (opacity >= 1) == opaque) visit(pixel(x, y), Hit{depth, surface.first + first + i});
       }
     }
   }
 }
 
 // Calls `visit` with each place where a ray meets the surface: in parallel, but one place of a pixel after the other.
+// Only places that are opaque, or only translucent ones.
 template <class Visit>
-void SurfaceDrawing::visit_hits(const ViewedSurface& surface, const Visit& visit) const {
+void SurfaceDrawing::visit_hits(const ViewedSurface& surface, bool opaque, const Visit& visit) const {
   const std::size_t triangles = surface.surface->mesh->triangles.size();
   std::vector<PixelRectangle> bounds;
   std::vector<std::uint32_t> starts, entries, next;
@@ -260,8 +269,8 @@ void SurfaceDrawing::visit_hits(const ViewedSurface& surface, const Visit& visit
         tiles_.visit_tiles(bounds[i], [&](std::size_t tile) { entries[next[tile]++] = static_cast<std::uint32_t>(i); });
       tbb::parallel_for(std::size_t{0}, tiles_.count(), [&](std::size_t tile) {
         if (starts[tile] == starts[tile + 1]) return;
-        visit_tile(surface, first, std::span(entries).subspan(starts[tile], starts[tile + 1] - starts[tile]), bounds,
-                   tiles_.tile(tile), visit);
+        visit_tile(surface, opaque, first, std::span(entries).subspan(starts[tile], starts[tile + 1] - starts[tile]),
+                   bounds, tiles_.tile(tile), visit);
       });
     }
   }
@@ -284,7 +293,8 @@ std::vector<Hit> SurfaceDrawing::nearest_opaque() const {
   std::vector<Hit> nearest(pixels());
   for (const ViewedSurface& surface : surfaces_)
     if (surface.surface->style.opacity >= 1)
-      visit_hits(surface, [&](std::size_t pixel, const Hit& hit) { nearest[pixel] = std::min(nearest[pixel], hit); });
+      visit_hits(surface, true,
+                 [&](std::size_t pixel, const Hit& hit) { nearest[pixel] = std::min(nearest[pixel], hit); });
   visit_slices(true, [&](std::size_t pixel, const Hit& hit) { nearest[pixel] = std::min(nearest[pixel], hit); });
   return nearest;
 }
@@ -299,7 +309,7 @@ std::vector<Hit> SurfaceDrawing::next_translucent(const std::vector<Hit>& opaque
       nearest[pixel] = hit;
   };
   for (const ViewedSurface& surface : surfaces_)
-    if (surface.surface->style.opacity < 1) visit_hits(surface, visit);
+    if (surface.surface->has_translucent()) visit_hits(surface, false, visit);
   visit_slices(false, visit);
   return nearest;
 }
@@ -310,7 +320,8 @@ vec4 SurfaceDrawing::shade(const Hit& hit, int x, int y) const {
   if (hit.triangle >= first_slice_) return slices_[hit.triangle - first_slice_].light.pixels[pixel(x, y)];
   const ViewedSurface& surface = *(std::ranges::upper_bound(surfaces_, hit.triangle, {}, &ViewedSurface::first) - 1);
   const SceneSurface& style = surface.surface->style;
-  const auto corners = surface.corners(static_cast<std::size_t>(hit.triangle - surface.first));
+  const auto number = static_cast<std::size_t>(hit.triangle - surface.first);
+  const auto corners = surface.corners(number);
   const double a = a_of(x), b = b_of(y);
   const dvec3 ray = view_.orthographic ? dvec3(0, 0, 1) : glm::normalize(dvec3(a, b, 1));
   const dvec3 normal = glm::cross(corners[1] - corners[0], corners[2] - corners[0]);
@@ -324,14 +335,17 @@ vec4 SurfaceDrawing::shade(const Hit& hit, int x, int y) const {
   }
   dvec3 color = style.color;
   if (surface.surface->values)
-    color = color_of(*surface.surface, static_cast<std::size_t>(hit.triangle - surface.first), triangle.shares(a));
-  return {vec3(style.opacity * brightness * color), static_cast<float>(style.opacity)};
+    color = color_of(*surface.surface, number, triangle.shares(a));
+  const double opacity = surface.surface->opacity(number, triangle.is_from_outside(a));
+  return {vec3(opacity * brightness * color), static_cast<float>(opacity)};
 }
 
 // The colour of the value at a place in a triangle. A corner without a value leaves the triangle without one.
 dvec3 SurfaceDrawing::color_of(const Surface& surface, std::size_t triangle, const std::array<double, 3>& shares) {
-  double value = 0;
-  for (std::size_t k = 0; k < 3; ++k) value += shares[k] * surface.values->values[surface.mesh->triangles[triangle][k]];
+  const std::vector<double>& values = surface.values->values;
+  double value = surface.values->of_triangles ? values[triangle] : 0;
+  for (std::size_t k = 0; k < 3 && !surface.values->of_triangles; ++k)
+    value += shares[k] * values[surface.mesh->triangles[triangle][k]];
   return std::isnan(value) ? surface.style.color : surface.style.color_by->function.color(value);
 }
 

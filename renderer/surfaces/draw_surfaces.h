@@ -46,7 +46,7 @@ struct SlicePicture {
 /// after i translucent ones, up to the nearest opaque one. Depths have double precision, rounded to single. A ray
 /// through an edge or a vertex meets one of the triangles there. Nothing is drawn behind the eye's plane, or outside of
 /// the clip region. Colours are lit as by `Lighting`, with the angle between ray and triangle; edges are dark lines
-/// about a pixel wide.
+/// about a pixel wide. Triangles on the near side have the opacity that Surface::opacity states.
 ///
 /// Layers beyond `most_layers` translucent ones are joined with the last of these, in their order.
 /// Works in parallel; the result does not depend on threads. Takes 24 bytes for each point, besides 36 for each pixel

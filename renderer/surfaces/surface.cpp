@@ -24,6 +24,11 @@ Result<TriangleMesh> read(const SceneSurface& style, const SurfaceReaders& reade
 
 }  // namespace
 
+double Surface::opacity(std::size_t triangle, bool from_outside) const {
+  if (!has_near_side() || !from_outside || mesh->is_two_sided(triangle)) return style.opacity;
+  return style.near_side == NearSide::hidden ? 0 : near_side_share * style.opacity;
+}
+
 Result<std::vector<Surface>> read_surfaces(std::span<const SceneSurface> styles, const SurfaceReaders& readers,
                                            std::span<const Surface> before) {
   std::vector<Surface> surfaces;

@@ -1,6 +1,7 @@
 // Surfaces of a scene, with their triangles.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -19,7 +20,11 @@ struct SurfaceValues {
   std::string file;            // where they are from
   std::uint64_t step_key = 0;  // as Volume has it
   std::vector<double> values;  // [point of the mesh]; NaN: none
+  bool of_triangles = false;   // values: [triangle] instead, where cells have one value each
 };
+
+/// A triangle of NearSide::translucent has this share of the surface's opacity.
+inline constexpr double near_side_share = 0.25;
 
 /// A surface of a scene. `mesh` is null if the surface has not been shown yet.
 struct Surface {
@@ -29,6 +34,18 @@ struct Surface {
   std::shared_ptr<const SurfaceValues> values = {};  // of style.color_by; null: it has the style's colour
 
   [[nodiscard]] bool is_visible() const { return style.shown && style.opacity > 0 && mesh; }
+
+  /// Whether triangles on the near side are drawn unlike the others.
+  [[nodiscard]] bool has_near_side() const { return style.near_side != NearSide::shown && !style.boundary.empty(); }
+
+  /// Whether a triangle may be neither opaque nor hidden.
+  [[nodiscard]] bool has_translucent() const {
+    return style.opacity < 1 || (has_near_side() && style.near_side == NearSide::translucent);
+  }
+
+  /// Returns the opacity of a triangle; 0: it is hidden. `from_outside`: its corners run counterclockwise as the eye
+  /// sees them.
+  [[nodiscard]] double opacity(std::size_t triangle, bool from_outside) const;
 };
 
 /// Where triangles come from.

@@ -98,6 +98,41 @@ TEST(Boundary, ComesBackWithinItsError) {
   EXPECT_THAT(volume->read_boundary({&other, 1}).error().message, HasSubstr("no patch 3"));
 }
 
+// Triangles that have no outside come last, so that a number tells which ones they are.
+TEST(Boundary, TwoSidedTrianglesComeLast) {
+  const std::vector<Patch> plain = patches();
+  std::vector<Patch> some = plain;
+  const std::size_t count = some[2].mesh.triangles.size();
+  for (std::size_t i = 0; i < count; ++i) some[2].mesh.two_sided.push_back(i % 7 == 3);
+  some[0].mesh.two_sided.assign(some[0].mesh.triangles.size(), false);
+  const Bytes file = file_with(some);
+  ASSERT_EQ(error_of(file), "");
+  const auto volume = open(file).value();
+  EXPECT_EQ(volume->info().boundary->patches[0].two_sided, 0U);
+  EXPECT_EQ(volume->info().boundary->patches[2].two_sided, count / 7);
+  const std::size_t all[] = {0, 1, 2}, turned[] = {2, 0};
+  const auto mesh = value_of(volume->read_boundary(all)), other = value_of(volume->read_boundary(turned));
+  const std::size_t first = mesh.triangles.size() - count;
+  const auto places = [&](const TriangleMesh& from, bool two_sided) {
+    std::vector<double> sums;
+    for (std::size_t i = 0; i < from.triangles.size(); ++i)
+      if (from.is_two_sided(i) == two_sided && middle_of(from, i).x > 2)
+        sums.push_back(middle_of(from, i).y + 100 * middle_of(from, i).z);
+    std::ranges::sort(sums);
+    return sums;
+  };
+  for (const bool two_sided : {false, true}) {
+    EXPECT_THAT(places(mesh, two_sided), ::testing::Pointwise(::testing::DoubleNear(1e-4), places(some[2].mesh, two_sided)));
+    EXPECT_EQ(places(other, two_sided), places(mesh, two_sided));
+  }
+  for (std::size_t i = 0; i < first; ++i) EXPECT_FALSE(mesh.is_two_sided(i));
+  EXPECT_TRUE(value_of(volume->read_boundary(std::span(all).first(1))).two_sided.empty());
+  EXPECT_EQ(read_record<Superblock>(file, 0).minor_version, 3);
+  // Without such triangles the file is as it was before they were known.
+  some[2].mesh.two_sided.assign(count, false);
+  EXPECT_EQ(file_with(some), file_with(plain));
+}
+
 TEST(Boundary, IsReadOnDemandOnly) {
   std::mt19937_64 random(3);
   std::uniform_real_distribution<double> uniform(0, 1);
@@ -216,6 +251,13 @@ TEST_F(DamagedBoundary, MetadataFollowTheirRules) {
   expect_refused(harmed(Part::metadata, 0, replacing("\"points\":64", "\"points\":63")), "wrong length [R21]");
   expect_refused(harmed(Part::metadata, 0, replacing("\"points\":64", "\"points\":400")), "too many points [R9]");
   expect_refused(harmed(Part::metadata, 0, replacing("\"triangles\":98", "\"triangles\":4000000000")), "[R9]");
+  const auto with = [&](const std::string& more) {
+    return harmed(Part::metadata, 0, replacing("\"triangles\":98", "\"triangles\":98," + more));
+  };
+  for (const char* wrong : {"99", "-1", "1.5", "null", "[]", "\"1\"", "18446744073709551615"})
+    expect_refused(with(std::string("\"two_sided\":") + wrong), "two_sided");
+  EXPECT_EQ(error_of(with("\"two_sided\":98")), "") << "of any minor version";
+  EXPECT_EQ(error_of(with("\"two_sidedness\":99")), "") << "what a reader does not know is skipped";
   expect_refused(harmed(Part::metadata, 0, replacing("\"quantisation_step\":", "\"quantisation_step\":-")), "[R9]");
 }
 

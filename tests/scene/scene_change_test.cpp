@@ -24,6 +24,7 @@ TEST(SceneChange, EachMemberChangesOneThing) {
       {&SceneChange::parts, [](Scene& scene) { scene.clip_planes.emplace_back(); }},
       {&SceneChange::parts, [](Scene& scene) { scene.slices.emplace_back(); }},
       {&SceneChange::parts, [](Scene& scene) { scene.surfaces.emplace_back(); }},
+      {&SceneChange::parts, [](Scene& scene) { scene.surfaces[0].near_side = NearSide::hidden; }},
       {&SceneChange::parts, [](Scene& scene) { scene.contours.emplace_back(); }},
       {&SceneChange::data, [](Scene& scene) { scene.attribute = "other"; }},
       {&SceneChange::frame, [](Scene& scene) { scene.background.r = 1; }},
@@ -33,6 +34,7 @@ TEST(SceneChange, EachMemberChangesOneThing) {
   Scene before;
   before.attribute = "a";
   before.opacity = SceneOpacity{"b", {}};
+  before.surfaces = {{.boundary = "wall"}};
   for (std::size_t i = 0; i < edits.size(); ++i) {
     SCOPED_TRACE(i);
     Scene after = before;

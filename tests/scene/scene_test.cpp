@@ -275,11 +275,15 @@ TEST(ParseScene, SurfacesAreReadAndWrittenBack) {
       changed("/surfaces",
               {{{"file", "a.stl"}},
                {{"file", "/b/c.obj"}, {"color", {1, 0.5, 0}}, {"opacity", 0.25}, {"shown", false}, {"edges", true}},
-               {{"boundary", "wing*"}, {"opacity", 0.5}, {"color_by", coloring}}})));
+               {{"boundary", "wing*"}, {"opacity", 0.5}, {"color_by", coloring}},
+               {{"boundary", "in"}, {"near_side", "translucent"}},
+               {{"boundary", "out"}, {"near_side", "hidden"}}})));
   const std::vector<SceneSurface> expected{
       {.file = "a.stl"},
       {.file = "/b/c.obj", .color = {1, 0.5, 0}, .opacity = 0.25, .shown = false, .edges = true},
-      {.opacity = 0.5, .boundary = "wing*", .color_by = by_temperature}};
+      {.opacity = 0.5, .boundary = "wing*", .color_by = by_temperature},
+      {.boundary = "in", .near_side = NearSide::translucent},
+      {.boundary = "out", .near_side = NearSide::hidden}};
   EXPECT_EQ(scene.surfaces, expected);
   EXPECT_EQ(parse_scene(scene_to_json(scene))->surfaces, expected);
   EXPECT_TRUE(parse_scene(valid_scene().dump())->surfaces.empty());
@@ -365,6 +369,12 @@ TEST(ParseScene, RefusesWrongSurfaces) {
   EXPECT_THAT(error({{"file", "a"}, {"color", {1, -1, 1}}}), StartsWith("surfaces[0].color: negative"));
   EXPECT_THAT(error({{"file", "a"}, {"opacity", 1.5}}), StartsWith("surfaces[0].opacity: 1.5"));
   EXPECT_THAT(error({{"file", "a"}, {"shown", 1}}), StartsWith("surfaces[0].shown: neither"));
+  EXPECT_THAT(error({{"boundary", "a"}, {"near_side", "open"}}),
+              StartsWith("surfaces[0].near_side: 'open' is none of shown, translucent and hidden"));
+  EXPECT_THAT(error({{"boundary", "a"}, {"near_side", true}}), StartsWith("surfaces[0].near_side: "));
+  EXPECT_THAT(error({{"file", "a"}, {"near_side", "hidden"}}),
+              StartsWith("surfaces[0].near_side: only a patch, \"boundary\""));
+  EXPECT_EQ(error({{"file", "a"}, {"near_side", "shown"}}), "accepted");
   EXPECT_THAT(error_of(changed("/surfaces", "a.stl")), StartsWith("surfaces: not a list"));
 }
 

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <iterator>
@@ -84,9 +85,9 @@ class Dump {
       std::string numbers;
       for (const dvec3& point : mesh.points) numbers += vector(point) + "\n";
       for (const auto& [a, b, c] : mesh.triangles) numbers += fmt::format("{} {} {}\n", a, b, c);
-      add(fmt::format("patch {}, {} points, {} triangles", boundary->patches[patch].name, mesh.points.size(),
-                      mesh.triangles.size()),
-          numbers);
+      std::string counts = fmt::format("{} points, {} triangles", mesh.points.size(), mesh.triangles.size());
+      if (const auto count = std::ranges::count(mesh.two_sided, true)) counts += fmt::format(", {} two-sided", count);
+      add(fmt::format("patch {}, {}", boundary->patches[patch].name, counts), numbers);
     }
     return {};
   }

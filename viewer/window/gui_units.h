@@ -3,6 +3,9 @@
 
 #include <imgui.h>
 
+#include <array>
+#include <cstddef>
+
 #include "base/math.h"
 #include "scene/srgb.h"
 
@@ -20,9 +23,18 @@ inline constexpr float font_height = 15;
 /// Returns the window units that a unit of the interface's design takes: 1 on a plain screen.
 [[nodiscard]] inline float gui_unit() { return ImGui::GetFontSize() / font_height; }
 
-/// Tells about the control before, where the pointer rests on it.
+/// Draws a field for a colour, linear RGB. Returns whether it was changed.
+inline bool edit_color(const char* label, dvec3& rgb) {
+  std::array<float, 3> encoded{};
+  for (int i = 0; i < 3; ++i) encoded[static_cast<std::size_t>(i)] = static_cast<float>(srgb_of(rgb[i]));
+  if (!ImGui::ColorEdit3(label, encoded.data())) return false;
+  for (int i = 0; i < 3; ++i) rgb[i] = linear_of(static_cast<double>(encoded[static_cast<std::size_t>(i)]));
+  return true;
+}
+
+/// Tells about the control before, where the pointer rests on it; also about one that is off.
 inline void hint(const char* text) {
-  if (ImGui::IsItemHovered()) ImGui::SetTooltip("%s", text);
+  if (ImGui::IsItemHovered(ImGuiHoveredFlags_AllowWhenDisabled)) ImGui::SetTooltip("%s", text);
 }
 
 }  // namespace splatvol

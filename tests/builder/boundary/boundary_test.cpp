@@ -213,6 +213,97 @@ std::vector<std::pair<std::string, std::size_t>> sizes_of(const Boundary& bounda
   return sizes;
 }
 
+// The number of two-sided triangles in a patch.
+std::size_t two_sided_of(const Boundary& boundary, const std::string& name) {
+  const auto patch = std::ranges::find(boundary.patches, name, &Patch::name);
+  return static_cast<std::size_t>(std::ranges::count(patch->mesh.two_sided, true));
+}
+
+// A wall in the middle of a lattice of an even number of cells: cells are on both of its sides.
+Patch wall_in(const Mesh& mesh, const std::string& name) {
+  Patch wall{name, {mesh.points, {}}};
+  for (const auto& tetrahedron : mesh.tetrahedra)
+    for (std::size_t omitted = 0; omitted < 4; ++omitted) {
+      std::vector<std::uint32_t> face;
+      for (std::size_t k = 0; k < 4; ++k)
+        if (k != omitted) face.push_back(tetrahedron[k]);
+      const auto is_in_plane = [&](std::uint32_t point) { return std::abs(mesh.points[point].x - 0.5) < 1e-9; };
+      if (std::ranges::all_of(face, is_in_plane) && mesh.points[tetrahedron[omitted]].x > 0.5)
+        wall.mesh.triangles.push_back({face[0], face[1], face[2]});
+    }
+  return wall;
+}
+
+TEST(TwoSidedTriangles, AreThoseOfBaffles) {
+  const Mesh mesh = lattice(4);
+  Piece piece = piece_of(mesh);
+  piece.patches = {wall_in(mesh, "wall"), patch_at("top", mesh, 2, 1)};
+  // A patch may be on the hull, too.
+  const Patch bottom = patch_at("wall", mesh, 2, 0);
+  piece.patches.push_back(bottom);
+  const Boundary boundary = whole({piece});
+  EXPECT_EQ(two_sided_of(boundary, "wall"), 32U);
+  EXPECT_EQ(two_sided_of(boundary, "top"), 0U);
+  EXPECT_EQ(two_sided_of(boundary, "outer"), 0U);
+  const TriangleMesh& wall = boundary.patches[1].mesh;
+  EXPECT_EQ(wall.triangles.size(), 64U);
+  for (std::size_t i = 0; i < wall.triangles.size(); ++i)
+    EXPECT_EQ(wall.is_two_sided(i), std::abs(middle_of(wall, i).x - 0.5) < 1e-9 && middle_of(wall, i).z > 1e-9) << i;
+}
+
+// A tetrahedron without volume and without neighbours does not tell where its outside is.
+TEST(TwoSidedTriangles, AreThoseOfFlatTetrahedra) {
+  Mesh mesh = lattice(1);
+  const auto first = static_cast<std::uint32_t>(mesh.points.size());
+  for (const dvec3& corner : {dvec3(3, 0, 0), dvec3(4, 0, 0), dvec3(3, 1, 0), dvec3(4, 1, 0)})
+    mesh.points.push_back(corner);
+  mesh.tetrahedra.push_back({first, first + 1, first + 2, first + 3});
+  const Boundary boundary = whole({piece_of(mesh)});
+  EXPECT_THAT(sizes_of(boundary), ElementsAre(Pair("outer 1", 12U), Pair("outer 2", 4U)));
+  EXPECT_EQ(two_sided_of(boundary, "outer 1"), 0U);
+  EXPECT_EQ(two_sided_of(boundary, "outer 2"), 4U);
+}
+
+// The wall stays a plane, and what is simplified still runs counterclockwise from outside.
+TEST(TwoSidedTriangles, AreSimplifiedApartFromTheOthers) {
+  const Mesh mesh = lattice(20);
+  Piece piece = piece_of(mesh);
+  piece.patches = {wall_in(mesh, "wall"), patch_at("wall", mesh, 2, 0)};
+  const Boundary boundary = simplified({piece}, 200);
+  EXPECT_LE(boundary.kept, 200U);
+  EXPECT_LT(boundary.error, 1e-6);
+  const TriangleMesh& wall = boundary.patches[0].mesh;
+  EXPECT_GT(two_sided_of(boundary, "wall"), 0U);
+  EXPECT_LT(two_sided_of(boundary, "wall"), wall.triangles.size());
+  for (std::size_t i = 0; i < wall.triangles.size(); ++i)
+    for (const std::uint32_t corner : wall.triangles[i])
+      EXPECT_NEAR(wall.is_two_sided(i) ? wall.points[corner].x - 0.5 : wall.points[corner].z, 0, 1e-6);
+  Boundary hull = boundary;  // without the wall it is closed
+  std::erase_if(hull.patches[0].mesh.triangles, [&, i = std::size_t{0}](const auto&) mutable {
+    return hull.patches[0].mesh.is_two_sided(i++);
+  });
+  EXPECT_NEAR(volume_6(hull), 6, 1e-9);
+}
+
+// The two faces of a plate that is thinner than the cells of the grid become one, which has cells on both sides.
+TEST(TwoSidedTriangles, AreThoseOfJoinedFaces) {
+  const auto weld = [](double thickness) {
+    const Box box{dvec3(0), {1, 1, 1}};
+    WeldedSurface welded(box, 40);
+    // A body of `thickness` in a flow, and loose triangles, so that points are joined.
+    for (const double z : {0.501, 0.501 + thickness})
+      for (int i = 0; i < 8; ++i)
+        for (int j = 0; j < 8; ++j) {
+          const dvec3 a(i / 8.0, j / 8.0, z), b = a + dvec3(0.125, 0, 0), c = a + dvec3(0, 0.125, 0);
+          EXPECT_TRUE(z > 0.501 ? welded.add({{a, c, b}, 0, true}) : welded.add({{a, b, c}, 0, true}));
+        }
+    EXPECT_GT(welded.moved(), 0);
+    return static_cast<std::size_t>(std::ranges::count(welded.sides(), false));
+  };
+  EXPECT_EQ(weld(0.4), 0U);
+  EXPECT_GT(weld(0.001), 5U);
+}
+
 // A lattice without the cubes that lie in a box.
 Mesh hollow(std::uint32_t cells, const Box& body) {
   Mesh mesh = lattice(cells);

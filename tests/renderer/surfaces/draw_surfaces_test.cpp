@@ -5,6 +5,7 @@
 #include <oneapi/tbb/global_control.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -81,6 +82,11 @@ TEST(DrawSurfaces, ValuesColorAPlate) {
         EXPECT_EQ(colored.light.at(x, row).a, 0.5F);
       }
     EXPECT_GT(hit, 1000);
+    surface.values = std::make_shared<const SurfaceValues>(
+        SurfaceValues{"v", "f", 0, std::vector<double>(surface.mesh->triangles.size(), 2), true});
+    const Image constant = draw({surface}, view).layers.at(0).light;
+    for (std::size_t i = 0; i < constant.pixels.size(); ++i)
+      EXPECT_LT(glm::length(dvec3(constant.pixels[i]) - double{white.light.pixels[i].r} * function.color(2)), 1e-5);
     values.values[0] = std::numeric_limits<double>::quiet_NaN();  // its triangles have the surface's own colour
     surface.values = std::make_shared<const SurfaceValues>(values);
     const Image some = draw({surface}, view).layers.at(0).light;
@@ -137,6 +143,148 @@ TEST(DrawSurfaces, ABallIsRound) {
       EXPECT_NEAR(depth, exact, 1e-4 / std::sqrt(rest));
     });
   }
+}
+
+// The hull of the cube from -1 to 1; its triangles run counterclockwise from outside.
+TriangleMesh cube(std::uint32_t parts) {
+  TriangleMesh mesh;
+  for (int axis = 0; axis < 3; ++axis)
+    for (const double sign : {-1.0, 1.0}) {
+      dvec3 u(0), v(0), corner(0);
+      u[(axis + 1) % 3] = v[(axis + 2) % 3] = 2;
+      corner[axis] = sign;
+      corner -= 0.5 * (u + v);
+      const TriangleMesh side = sign > 0 ? test::plate(corner, u, v, parts) : test::plate(corner, v, u, parts);
+      const auto first = static_cast<std::uint32_t>(mesh.points.size());
+      mesh.points.insert(mesh.points.end(), side.points.begin(), side.points.end());
+      for (const auto& [a, b, c] : side.triangles) mesh.triangles.push_back({first + a, first + b, first + c});
+    }
+  return mesh;
+}
+
+TriangleMesh turned(TriangleMesh mesh) {
+  for (auto& [a, b, c] : mesh.triangles) std::swap(b, c);
+  return mesh;
+}
+
+Surface patch_of(TriangleMesh mesh, NearSide near_side, double opacity = 1) {
+  return {{.opacity = opacity, .boundary = "p", .near_side = near_side},
+          std::make_shared<const TriangleMesh>(std::move(mesh))};
+}
+
+// Where a ray enters the cube and leaves it; infinity: nowhere in front of the eye.
+std::array<double, 2> depths_of_cube(const Ray& ray) {
+  double enter = -infinity, leave = infinity;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double a = (-1 - ray.origin[axis]) / ray.direction[axis], b = (1 - ray.origin[axis]) / ray.direction[axis];
+    enter = std::max(enter, std::min(a, b)), leave = std::min(leave, std::max(a, b));
+  }
+  if (leave < std::max(enter, 0.0)) return {infinity, infinity};
+  return {enter > 0 ? enter : infinity, leave};
+}
+
+// Views from outside, along an axis too, and from inside.
+std::vector<View> views_of_cube() {
+  std::vector<View> views;
+  for (const bool orthographic : {false, true})
+    for (const dvec3 eye : {dvec3(1.7, 2.1, -2.9), dvec3(0, 0, 4), dvec3(0.3, 0.2, 0.4)})
+      views.push_back(view_from(eye, {0, 0, -0.1}, orthographic));
+  return views;
+}
+
+// Calls check(enter, leave, pixel) for each pixel that is not at the cube's outline.
+template <class Check>
+void for_each_pixel_of_cube(const View& view, const Check& check) {
+  int hit = 0;
+  for (int row = 0; row < view.height; ++row)
+    for (int x = 0; x < view.width; ++x) {
+      const Ray ray = ray_of(view, x, row);
+      const auto [enter, leave] = depths_of_cube(ray);
+      if (leave < infinity && leave - enter < 0.01) continue;
+      if (leave < infinity) ++hit;
+      check(enter, leave, static_cast<std::size_t>(row) * view.width + x);
+    }
+  EXPECT_GT(hit, 500);
+}
+
+void expect_depth(const SurfaceLayer& layer, std::size_t pixel, double depth) {
+  if (depth == infinity)
+    EXPECT_EQ(layer.depths.depths[pixel], infinity);
+  else
+    EXPECT_NEAR(layer.depths.depths[pixel] / depth, 1, 1e-6);
+}
+
+TEST(NearSides, AHullOpensTowardsTheEye) {
+  for (const View& view : views_of_cube()) {
+    const auto hidden = draw({patch_of(cube(3), NearSide::hidden)}, view);
+    const auto translucent = draw({patch_of(cube(3), NearSide::translucent)}, view);
+    const auto shown = draw({patch_of(cube(3), NearSide::shown)}, view);
+    ASSERT_EQ(hidden.layers.size(), 1U);
+    ASSERT_EQ(shown.layers.size(), 1U);
+    int near = 0;
+    for_each_pixel_of_cube(view, [&](double enter, double, std::size_t) { near += enter < infinity ? 1 : 0; });
+    ASSERT_EQ(translucent.layers.size(), near > 0 ? 2U : 1U);
+    for_each_pixel_of_cube(view, [&](double enter, double leave, std::size_t pixel) {
+      expect_depth(hidden.layers[0], pixel, leave);
+      expect_depth(shown.layers[0], pixel, std::min(enter, leave));
+      expect_depth(translucent.layers[0], pixel, std::min(enter, leave));
+      expect_depth(translucent.layers.back(), pixel, leave);
+      EXPECT_EQ(hidden.layers[0].light.pixels[pixel].a, leave < infinity ? 1 : 0);
+      EXPECT_EQ(translucent.layers.back().light.pixels[pixel], hidden.layers[0].light.pixels[pixel]);
+      if (enter < infinity)
+        EXPECT_EQ(translucent.layers[0].light.pixels[pixel], 0.25F * shown.layers[0].light.pixels[pixel]);
+    });
+  }
+}
+
+TEST(NearSides, TakeAQuarterOfTheOpacity) {
+  const View view = view_from({1.7, 2.1, -2.9}, dvec3(0), false);
+  const auto drawn = draw({patch_of(cube(2), NearSide::translucent, 0.5)}, view);
+  ASSERT_GE(drawn.layers.size(), 2U);
+  for_each_pixel_of_cube(view, [&](double enter, double, std::size_t pixel) {
+    EXPECT_EQ(drawn.layers[0].light.pixels[pixel].a, enter < infinity ? 0.125F : 0.0F);
+    EXPECT_EQ(drawn.layers[1].light.pixels[pixel].a, enter < infinity ? 0.5F : 0.0F);
+  });
+}
+
+// Outside of a flow is inside of the body in it.
+TEST(NearSides, ABodyInAFlowStaysWhole) {
+  for (const View& view : views_of_cube()) {
+    if (depths_of_cube(ray_of(view, view.width / 2, view.height / 2))[0] == infinity) continue;  // inside
+    const auto shown = draw({patch_of(turned(cube(3)), NearSide::shown)}, view);
+    for (const NearSide near_side : {NearSide::translucent, NearSide::hidden}) {
+      const auto drawn = draw({patch_of(turned(cube(3)), near_side)}, view);
+      ASSERT_GE(drawn.layers.size(), 1U);
+      for_each_pixel_of_cube(view, [&](double enter, double, std::size_t pixel) {
+        expect_depth(drawn.layers[0], pixel, enter);
+        EXPECT_EQ(drawn.layers[0].light.pixels[pixel], shown.layers[0].light.pixels[pixel]);
+      });
+    }
+  }
+}
+
+// Cells are on both sides of a baffle: which way round its triangles run means nothing.
+TEST(NearSides, TwoSidedTrianglesAndFilesAreAlwaysShown) {
+  const View view = view_from({1.7, 2.1, -2.9}, dvec3(0), false);
+  const auto shown = draw({patch_of(cube(3), NearSide::shown)}, view).layers.at(0).depths.depths;
+  TriangleMesh baffles = cube(3);
+  baffles.two_sided.assign(baffles.triangles.size(), true);
+  EXPECT_EQ(draw({patch_of(baffles, NearSide::hidden)}, view).layers.at(0).depths.depths, shown);
+  Surface file = patch_of(cube(3), NearSide::hidden);
+  file.style.file = "f", file.style.boundary.clear();
+  EXPECT_EQ(draw({file}, view).layers.at(0).depths.depths, shown);
+  // The side at x = 1 alone is two-sided: it is what is seen there.
+  for (std::size_t i = 0; i < baffles.triangles.size(); ++i)
+    baffles.two_sided[i] = middle_of(baffles, i).x > 0.999;
+  const auto some = draw({patch_of(baffles, NearSide::hidden)}, view).layers.at(0);
+  int at_side = 0;
+  for_each_pixel_of_cube(view, [&](double enter, double leave, std::size_t pixel) {
+    const Ray ray = ray_of(view, static_cast<int>(pixel) % view.width, static_cast<int>(pixel) / view.width);
+    const bool is_side = enter < infinity && std::abs((ray.origin + enter * ray.direction).x - 1) < 1e-9;
+    expect_depth(some, pixel, is_side ? enter : leave);
+    if (is_side) ++at_side;
+  });
+  EXPECT_GT(at_side, 100);
 }
 
 // A closed surface has no holes, and no ray meets two triangles at a common edge or vertex: each ray passes it twice.
