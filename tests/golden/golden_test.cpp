@@ -58,6 +58,7 @@ TEST(Golden, EveryFeatureHasAFile) {
                            "one_point",
                            "pages",
                            "boundary",
+                           "two_sided",
                            "cells_tetrahedra",
                            "cells_delaunay",
                            "cells_shapes",

@@ -5,7 +5,9 @@
 
 #include <cstdlib>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <string>
 
 #include "format/boundary.h"
 #include "pictures/image.h"
@@ -105,6 +107,35 @@ TEST_F(Svrender, DrawsAPictureAndItsStatistics) {
   const std::string exr = read("out.exr");
   for (const char* key : {"software", "attribute", "tolerance", "kernel", "sort", "splats", "scene", "renderer"})
     EXPECT_THAT(exr, HasSubstr(key));
+}
+
+// Walls are open, translucent and coloured as in the exact picture.
+TEST_F(Svrender, DrawsWallsAsTheReferenceDoes) {
+  const nlohmann::json coloring = {
+      {"attribute", "value"}, {"domain", {-1, 1}}, {"colors", {{0, 0, 0, 1}, {0.5, 0, 1, 0}, {1, 1, 0, 0}}}};
+  scene_["camera"]["position"] = {5, 4, 6};
+  scene_["camera"]["focal_point"] = {0, 0, 0};
+  scene_["attribute"] = "value";
+  std::map<std::string, Image> pictures;
+  for (const char* cells : {"averaged", "own"}) {
+    const std::string how = std::string(" --cells ") + cells;
+    expect_done("svbuild gen:mesh:cells=20000 -o walls.svol --exact --boundary" + how);
+    for (const char* side : {"shown", "translucent", "hidden"}) {
+      scene_["surfaces"] = {{{"boundary", "*"}, {"near_side", side}, {"color_by", coloring}, {"opacity", 0.8}}};
+      write_scene();
+      expect_done("svrender walls.svol --scene s.json --exact -o exact.exr");
+      expect_done("svtruth gen:mesh:cells=20000 --scene s.json -o truth.exr" + how);
+      EXPECT_LE(compare_images(picture_of("exact.exr"), picture_of("truth.exr")).value().rmse, 1e-5) << cells << side;
+      pictures[std::string(cells) + side] = picture_of("exact.exr");
+    }
+  }
+  const auto differs = [&](const char* one, const char* other) {
+    return compare_images(pictures.at(one), pictures.at(other)).value().rmse;
+  };
+  EXPECT_GT(differs("averagedshown", "averagedhidden"), 0.05);
+  EXPECT_GT(differs("averagedshown", "averagedtranslucent"), 0.02);
+  EXPECT_GT(differs("averagedtranslucent", "averagedhidden"), 0.01);
+  EXPECT_GT(differs("averagedshown", "ownshown"), 1e-3);
 }
 
 TEST_F(Svrender, DrawsCellsExactly) {
