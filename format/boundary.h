@@ -21,8 +21,9 @@ struct PackedBoundary {
 
 /// Packs patches. `error`: how far a point of the input's boundary may be from the triangles; rounding to the grid is
 /// added. Points at one position stay at one position, in different patches too. Points that no triangle names are
-/// dropped. Two-sided triangles come last. Fails if there is no patch, or there are more than max_patches; if names repeat; or if a patch has more
-/// than about 3e8 points and triangles. Requires indices in range, and coordinates of at most 1e50.
+/// dropped. Two-sided triangles come last. Fails if there is no patch, or there are more than max_patches; if names
+/// repeat; or if a patch has more than about 3e8 points and triangles. Requires indices in range, and coordinates of at
+/// most 1e50.
 [[nodiscard]] Result<PackedBoundary> pack_boundary(std::span<const Patch> patches, double error);
 
 /// Returns the bytes of a patch before packing.

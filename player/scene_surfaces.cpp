@@ -17,8 +17,8 @@ namespace {
 
 constexpr std::size_t most_names = 4;  // in a message
 
-// Bytes of triangles while they are drawn: their points are there twice (draw_surfaces), and they or the points may have
-// values.
+// Bytes of triangles while they are drawn: their points are there twice (draw_surfaces), and they or the points may
+// have values.
 std::uint64_t drawn_bytes(std::uint64_t points, std::uint64_t triangles) {
   return 2 * sizeof(dvec3) * points + sizeof(std::array<std::uint32_t, 3>) * triangles +
          sizeof(double) * std::max(points, triangles);

@@ -239,7 +239,8 @@ Status read_near_side(const JsonField& field, SceneSurface& surface) {
   const auto found = std::ranges::find(near_sides, word, [](auto& side) { return side.first; });
   if (found == near_sides.end()) return field.wrong("'{}' is none of shown, translucent and hidden", word);
   if (surface.boundary.empty() && found->second != NearSide::shown)
-    return field.wrong("only a patch, \"boundary\", has a near side: a file of a surface does not tell where cells are");
+    return field.wrong(
+        "only a patch, \"boundary\", has a near side: a file of a surface does not tell where cells are");
   surface.near_side = found->second;
   return {};
 }
@@ -481,7 +482,8 @@ nlohmann::ordered_json json_of(const SceneSurface& surface) {
                                      {"edges", surface.edges}};
   if (surface.color_by) document["color_by"] = json_of(*surface.color_by);
   if (surface.near_side != NearSide::shown && !surface.boundary.empty())
-    document["near_side"] = std::ranges::find(near_sides, surface.near_side, [](auto& side) { return side.second; })->first;
+    document["near_side"] =
+        std::ranges::find(near_sides, surface.near_side, [](auto& side) { return side.second; })->first;
   return document;
 }
 

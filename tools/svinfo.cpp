@@ -179,7 +179,10 @@ json series_json(const Volume& volume, const format::Steps& steps, std::size_t s
 json boundary_json(const format::BoundaryInfo& boundary) {
   json patches = json::array();
   for (const format::PatchInfo& patch : boundary.patches)
-    patches.push_back({{"name", patch.name}, {"points", patch.points}, {"triangles", patch.triangles}, {"two_sided", patch.two_sided}});
+    patches.push_back({{"name", patch.name},
+                       {"points", patch.points},
+                       {"triangles", patch.triangles},
+                       {"two_sided", patch.two_sided}});
   return {{"error", boundary.error}, {"patches", patches}};
 }
 

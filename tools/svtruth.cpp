@@ -54,8 +54,12 @@ struct Mesh {
     return values[static_cast<std::size_t>(found - attributes.begin())];
   }
   [[nodiscard]] TetMesh view(const Scene& scene) const {
-    return {points,   values_of(scene.attribute),           tetrahedra,
-            constant, values_of(opacity_attribute_of(scene)), values_of(contours_of(scene).attribute)};
+    return {points,
+            values_of(scene.attribute),
+            tetrahedra,
+            constant,
+            values_of(opacity_attribute_of(scene)),
+            values_of(contours_of(scene).attribute)};
   }
 };
 

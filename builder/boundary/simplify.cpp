@@ -40,7 +40,8 @@ struct Surface {
   std::vector<std::uint32_t> patches;  // [triangle]
 };
 
-// Triangles without a side are a patch of their own while triangles are made fewer: that of a number behind all patches.
+// Triangles without a side are a patch of their own while triangles are made fewer: that of a number behind all
+// patches.
 void set_sides_apart(const std::vector<bool>& sides, std::size_t patches, Surface& surface) {
   for (std::size_t i = 0; i < sides.size(); ++i)
     if (!sides[i] && surface.patches[i] < patches) surface.patches[i] += static_cast<std::uint32_t>(patches);
@@ -195,9 +196,9 @@ std::array<std::span<const Triangle>, 2> triangles_of(const Surface& surface, st
   std::array<std::span<const Triangle>, 2> triangles;
   for (std::size_t i = 0; i < 2; ++i) {
     const auto [begin, end] = std::ranges::equal_range(surface.patches, patch + i * patches);
-    triangles[i] = std::span(surface.triangles)
-                       .subspan(static_cast<std::size_t>(begin - surface.patches.begin()),
-                                static_cast<std::size_t>(end - begin));
+    triangles[i] =
+        std::span(surface.triangles)
+            .subspan(static_cast<std::size_t>(begin - surface.patches.begin()), static_cast<std::size_t>(end - begin));
   }
   return triangles;
 }

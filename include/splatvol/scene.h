@@ -85,8 +85,8 @@ struct SceneColoring {
   [[nodiscard]] bool operator==(const SceneColoring&) const = default;
 };
 
-/// What is drawn of the triangles of a patch that are between the eye and the cells behind them: their outside, where no
-/// cell is, looks at the eye.
+/// What is drawn of the triangles of a patch that are between the eye and the cells behind them: their outside, where
+/// no cell is, looks at the eye.
 enum class NearSide {
   shown,        // as all others
   translucent,  // with a quarter of the surface's opacity
@@ -106,7 +106,8 @@ struct SceneSurface {
   std::string boundary = {};
 
   /// Instead of `color`: the values of the file's cells at the triangles' corners, linear in between. Where cells have
-  /// one value each, a triangle has that in its middle. `color` is shown where no cell has one. The file must keep cells.
+  /// one value each, a triangle has that in its middle. `color` is shown where no cell has one. The file must keep
+  /// cells.
   std::optional<SceneColoring> color_by = {};
 
   /// Of patches: files of surfaces do not tell where cells are, and are always shown. So are triangles with cells on

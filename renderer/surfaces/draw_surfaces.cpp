@@ -334,8 +334,7 @@ vec4 SurfaceDrawing::shade(const Hit& hit, int x, int y) const {
     brightness *= 1 + line * (edge_brightness - 1);
   }
   dvec3 color = style.color;
-  if (surface.surface->values)
-    color = color_of(*surface.surface, number, triangle.shares(a));
+  if (surface.surface->values) color = color_of(*surface.surface, number, triangle.shares(a));
   const double opacity = surface.surface->opacity(number, triangle.is_from_outside(a));
   return {vec3(opacity * brightness * color), static_cast<float>(opacity)};
 }

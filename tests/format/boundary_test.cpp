@@ -122,7 +122,8 @@ TEST(Boundary, TwoSidedTrianglesComeLast) {
     return sums;
   };
   for (const bool two_sided : {false, true}) {
-    EXPECT_THAT(places(mesh, two_sided), ::testing::Pointwise(::testing::DoubleNear(1e-4), places(some[2].mesh, two_sided)));
+    EXPECT_THAT(places(mesh, two_sided),
+                ::testing::Pointwise(::testing::DoubleNear(1e-4), places(some[2].mesh, two_sided)));
     EXPECT_EQ(places(other, two_sided), places(mesh, two_sided));
   }
   for (std::size_t i = 0; i < first; ++i) EXPECT_FALSE(mesh.is_two_sided(i));

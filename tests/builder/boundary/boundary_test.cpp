@@ -279,9 +279,8 @@ TEST(TwoSidedTriangles, AreSimplifiedApartFromTheOthers) {
     for (const std::uint32_t corner : wall.triangles[i])
       EXPECT_NEAR(wall.is_two_sided(i) ? wall.points[corner].x - 0.5 : wall.points[corner].z, 0, 1e-6);
   Boundary hull = boundary;  // without the wall it is closed
-  std::erase_if(hull.patches[0].mesh.triangles, [&, i = std::size_t{0}](const auto&) mutable {
-    return hull.patches[0].mesh.is_two_sided(i++);
-  });
+  std::erase_if(hull.patches[0].mesh.triangles,
+                [&, i = std::size_t{0}](const auto&) mutable { return hull.patches[0].mesh.is_two_sided(i++); });
   EXPECT_NEAR(volume_6(hull), 6, 1e-9);
 }
 

@@ -274,8 +274,7 @@ TEST(NearSides, TwoSidedTrianglesAndFilesAreAlwaysShown) {
   file.style.file = "f", file.style.boundary.clear();
   EXPECT_EQ(draw({file}, view).layers.at(0).depths.depths, shown);
   // The side at x = 1 alone is two-sided: it is what is seen there.
-  for (std::size_t i = 0; i < baffles.triangles.size(); ++i)
-    baffles.two_sided[i] = middle_of(baffles, i).x > 0.999;
+  for (std::size_t i = 0; i < baffles.triangles.size(); ++i) baffles.two_sided[i] = middle_of(baffles, i).x > 0.999;
   const auto some = draw({patch_of(baffles, NearSide::hidden)}, view).layers.at(0);
   int at_side = 0;
   for_each_pixel_of_cube(view, [&](double enter, double leave, std::size_t pixel) {
