@@ -48,11 +48,24 @@ bool matches(std::string_view name, std::string_view pattern) {
   return pattern.find_first_not_of('*', at) == std::string_view::npos;
 }
 
+bool is_patch_of_rest(std::string_view name) {
+  const auto after = [&](std::string_view begin) {
+    return name.starts_with(begin) ? name.substr(begin.size()) : std::string_view();
+  };
+  if (const std::string_view side = after("side "); side.size() == 2)
+    return side[0] >= 'x' && side[0] <= 'z' && (side[1] == '-' || side[1] == '+');
+  const std::string_view part = after("outer ");
+  const bool is_number = !part.empty() && part.find_first_not_of("0123456789") == part.npos;
+  return name == "outer" || part == "rest" || is_number;
+}
+
 Result<std::vector<std::size_t>> find_patches(const std::string& file, const std::string& pattern,
                                               std::span<const std::string> names) {
+  const bool takes_rest = matches("outer", pattern) && std::ranges::find(names, "outer") == names.end();
   std::vector<std::size_t> found;
   for (std::size_t i = 0; i < names.size(); ++i)
-    if (names[i] == pattern || matches(names[i], pattern)) found.push_back(i);
+    if (names[i] == pattern || matches(names[i], pattern) || (takes_rest && is_patch_of_rest(names[i])))
+      found.push_back(i);
   if (!found.empty()) return found;
   return fail(ErrorCode::invalid_argument, "{}: no patch \"{}\" in its boundary; there are: {}", file, pattern,
               fmt::join(names, ", "));

@@ -20,7 +20,12 @@ namespace splatvol {
 /// Whether a name is as a pattern says, in which `*` stands for any characters, or none.
 [[nodiscard]] bool matches(std::string_view name, std::string_view pattern);
 
-/// Returns the indices of the names that match a pattern. Fails with invalid_argument if there is none; the message
+/// Whether a patch is one of those that svbuild makes of all faces that no patch of the input has: "outer", "outer 1",
+/// "outer rest", "side x-" and the like.
+[[nodiscard]] bool is_patch_of_rest(std::string_view name);
+
+/// Returns the indices of the names that match a pattern. If no patch is called "outer", patches of the rest match as
+/// "outer", too: that is what files called all of them. Fails with invalid_argument if there is none; the message
 /// begins with `file`, and lists the names.
 [[nodiscard]] Result<std::vector<std::size_t>> find_patches(const std::string& file, const std::string& pattern,
                                                             std::span<const std::string> names);

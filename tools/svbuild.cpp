@@ -722,8 +722,9 @@ void add_boundary_options(CommandLine& app, Options& options) {
       "--boundary", options.boundary,
       "Keep the boundary of the mesh in the file, for scenes that draw it: the faces of one cell only, by the "
       "patches of OpenFOAM, the side sets of Exodus, the boundary conditions of CGNS, the surface parts of "
-      "EnSight, the physical groups of Gmsh and the markers of SU2. All other faces are the patch \"outer\", or "
-      "\"outer 1\", \"outer 2\", ... if they are not connected");
+      "EnSight, the physical groups of Gmsh and the markers of SU2. Of all other faces, those on a side of the mesh's "
+      "box are the patches \"side x-\" to \"side z+\", and connected parts of the others \"outer 1\", \"outer 2\", "
+      "...; \"outer\" is all of them");
   app.add_option(
          "--boundary-triangles", options.boundary_triangles,
          fmt::format("Most triangles of the boundary: if it has more, it is simplified, and the result says how "

@@ -46,17 +46,18 @@ struct Parts {
 };
 
 Parts find_parts(std::span<const dvec3> points, std::span<const Triangle> triangles,
-                 std::span<const std::uint32_t> patches) {
+                 std::span<const std::uint32_t> patches, std::uint32_t sides) {
+  const auto is_rest = [&](std::uint32_t patch) { return patch == 0 || (patch >= sides && patch < sides + box_sides); };
   PointSets sets(points.size());
   for (std::size_t i = 0; i < triangles.size(); ++i) {
-    if (patches[i] != 0) continue;
+    if (!is_rest(patches[i])) continue;
     sets.join(triangles[i][0], triangles[i][1]);
     sets.join(triangles[i][1], triangles[i][2]);
   }
   Parts parts{std::vector<std::uint32_t>(triangles.size(), none), {}};
   std::vector<std::uint32_t> of_root(points.size(), none);
   for (std::size_t i = 0; i < triangles.size(); ++i) {
-    if (patches[i] != 0) continue;
+    if (!is_rest(patches[i])) continue;
     std::uint32_t& part = of_root[sets.root(triangles[i][0])];
     if (part == none) {
       part = static_cast<std::uint32_t>(parts.boxes.size());
@@ -91,11 +92,33 @@ std::string name_of_smaller() { return fmt::format("{} rest", BoundaryFaces::res
 
 }  // namespace
 
+std::vector<std::string> names_of_sides() {
+  std::vector<std::string> names;
+  for (std::size_t side = 0; side < box_sides; ++side)
+    names.push_back(fmt::format("side {}{}", "xyz"[side / 2], "-+"[side % 2]));
+  return names;
+}
+
+std::optional<std::size_t> side_of(const Box& box, const std::array<dvec3, 3>& corners) {
+  const dvec3 extent = box.extent();
+  for (std::size_t side = 0; side < box_sides; ++side) {
+    const auto axis = static_cast<int>(side / 2);
+    // A thin sheet has two sides, too.
+    const double tolerance = std::min(1e-6 * extent[longest_axis(extent)], 1e-3 * extent[axis]);
+    const double place = (side % 2 == 0 ? box.low : box.high)[axis];
+    if (std::ranges::all_of(corners, [&](const dvec3& p) { return std::abs(p[axis] - place) <= tolerance; }))
+      return side;
+  }
+  return std::nullopt;
+}
+
 std::vector<std::string> split_rest(std::span<const dvec3> points, std::span<const Triangle> triangles,
-                                    std::size_t most, std::uint32_t first, std::vector<std::uint32_t>& patches) {
+                                    std::size_t most, std::uint32_t sides, std::uint32_t first,
+                                    std::vector<std::uint32_t>& patches) {
   if (most < 2) return {};
-  const Parts parts = find_parts(points, triangles, patches);
-  if (parts.boxes.size() < 2) return {};
+  const Parts parts = find_parts(points, triangles, patches, sides);
+  const bool has_sides = std::ranges::any_of(patches, [&](std::uint32_t patch) { return patch >= sides; });
+  if (parts.boxes.size() < 2 && !has_sides) return {};
   const std::vector<std::uint32_t> order = by_size(parts.boxes);
   const std::size_t count = std::min(order.size(), most);
   std::vector<std::string> names;
@@ -104,12 +127,19 @@ std::vector<std::string> split_rest(std::span<const dvec3> points, std::span<con
   std::vector<std::uint32_t> patch_of(order.size());
   for (std::size_t i = 0; i < order.size(); ++i)
     patch_of[order[i]] = first + static_cast<std::uint32_t>(std::min(i, count - 1));
-  for (std::size_t i = 0; i < triangles.size(); ++i)
-    if (parts.of_triangle[i] != none) patches[i] = patch_of[parts.of_triangle[i]];
+  std::vector<bool> is_empty(count, true);
+  for (std::size_t i = 0; i < triangles.size(); ++i) {
+    if (patches[i] != 0) continue;
+    patches[i] = patch_of[parts.of_triangle[i]];
+    is_empty[patches[i] - first] = false;
+  }
+  for (std::size_t i = 0; i < count; ++i)
+    if (is_empty[i]) names[i].clear();
   return names;
 }
 
 bool is_rest_part(std::string_view name) {
+  if (std::ranges::count(names_of_sides(), name) > 0) return true;
   if (!name.starts_with(BoundaryFaces::rest_name)) return false;
   if (name == name_of_smaller()) return true;
   for (std::size_t part = 0; part < most_rest_parts; ++part)

@@ -10,6 +10,7 @@
 #include <limits>
 #include <numeric>
 #include <span>
+#include <string>
 #include <tuple>
 #include <utility>
 
@@ -232,48 +233,71 @@ TriangleMesh make_mesh(const Surface& surface, const std::array<std::span<const 
   return mesh;
 }
 
-// Splits the rest into parts. Returns the names of the patches; those of the parts come last.
+// A part of the rest must not get the name of a patch that the input has.
+bool splits_rest(const BoundaryFaces& faces) {
+  return !faces.input_names_rest() && std::ranges::none_of(faces.names(), is_rest_part);
+}
+
+// Whether there is room for the sides as patches.
+bool has_sides(const BoundaryFaces& faces) {
+  return splits_rest(faces) && faces.names().size() + box_sides + most_rest_parts <= format::max_patches;
+}
+
+// Splits the rest into parts. Returns the names of the patches: those of the input, the sides, the parts.
 std::vector<std::string> split_rest_of(const BoundaryFaces& faces, Surface& surface) {
   std::vector<std::string> names = faces.names();
-  // A part must not get the name of a patch that the input has.
-  if (faces.input_names_rest() || std::ranges::any_of(names, is_rest_part)) return names;
+  if (!splits_rest(faces)) return names;
   const std::size_t room = format::max_patches - std::min(names.size() - 1, format::max_patches);
-  const std::vector<std::string> parts = split_rest(surface.points, surface.triangles, std::min(room, most_rest_parts),
-                                                    static_cast<std::uint32_t>(names.size()), surface.patches);
-  names.insert(names.end(), parts.begin(), parts.end());
+  const auto add = [&](const std::vector<std::string>& more) { names.insert(names.end(), more.begin(), more.end()); };
+  const auto sides = static_cast<std::uint32_t>(names.size());
+  if (has_sides(faces)) add(names_of_sides());
+  add(split_rest(surface.points, surface.triangles, std::min(room, most_rest_parts), sides,
+                 static_cast<std::uint32_t>(names.size()), surface.patches));
   return names;
 }
 
-// Returns the patches of the input by their names, then the rest. `named`: number of the first part of the rest.
+// Returns the patches of the input by their names, then the parts of the rest, then the sides. `named`: number of the
+// first side, if there are sides, or of the first part.
 std::vector<std::uint32_t> order_of_patches(std::span<const std::string> names, std::size_t named) {
   std::vector<std::uint32_t> order(names.size());
   std::iota(order.begin(), order.end(), 0u);
   const auto rank = [&](std::uint32_t number) {
-    const bool is_rest = number == 0 || number >= named;
-    return std::tuple(is_rest, is_rest ? std::string() : names[number], number);
+    const bool is_rest = number == 0 || number >= named, is_part = names[number].starts_with(BoundaryFaces::rest_name);
+    return std::tuple(is_rest, is_rest && !is_part, is_rest ? std::string() : names[number], number);
   };
   std::ranges::sort(order, {}, rank);
   return order;
 }
 
-// Requires triangles that are grouped by their patches. `named`: number of the first part of the rest.
+// Requires triangles that are grouped by their patches. `named`: as above. Patches of the input and parts may be empty:
+// they have lost their triangles.
 std::vector<Patch> make_patches(const Surface& surface, std::span<const std::string> names, std::size_t named) {
   std::vector<Patch> patches;
   std::vector<std::uint32_t> numbers(surface.points.size(), none);
+  const auto stays_empty = [&](std::uint32_t number) {
+    return number != 0 && (number < named || names[number].starts_with(BoundaryFaces::rest_name));
+  };
   for (const std::uint32_t number : order_of_patches(names, named)) {
     const auto triangles = triangles_of(surface, number, names.size());
-    if (number == 0 && triangles[0].empty() && triangles[1].empty() && names.size() > 1) continue;
+    const bool is_empty = triangles[0].empty() && triangles[1].empty();
+    if (is_empty && !stays_empty(number)) continue;
     patches.push_back({names[number], make_mesh(surface, triangles, numbers)});
   }
+  if (patches.empty()) patches.push_back({names[0], {}});
   return patches;
 }
 
-// `most`: triangles to hold at once.
+// `most`: triangles to hold at once. Triangles of the rest on a side of the box get the number of its patch.
 Result<WeldedSurface> weld(BoundaryFaces& faces, std::uint64_t most, std::uint64_t& count) {
   SPLATVOL_TRY(faces.check_any());
   WeldedSurface welded(faces.box(), most);
-  SPLATVOL_TRY(faces.visit([&](const BoundaryTriangle& triangle) {
+  const std::size_t first_side = faces.names().size();
+  const bool with_sides = has_sides(faces);
+  SPLATVOL_TRY(faces.visit([&](BoundaryTriangle triangle) {
     ++count;
+    if (with_sides && triangle.patch == 0)
+      if (const auto side = side_of(faces.box(), triangle.corners))
+        triangle.patch = static_cast<std::uint32_t>(first_side + *side);
     return welded.add(triangle);
   }));
   return welded;

@@ -36,6 +36,21 @@ TEST(Names, MatchPatterns) {
   EXPECT_FALSE(matches("x", ""));
 }
 
+// Files called all faces without a patch "outer" before these were split.
+TEST(Names, OuterIsAllOfTheRest) {
+  const std::vector<std::string> names = {"outer wall", "outer 2", "side x-", "side z+", "outer rest", "side a+"};
+  using Found = std::vector<std::size_t>;
+  EXPECT_EQ(find_patches("f", "outer", names).value(), (Found{1, 2, 3, 4}));
+  EXPECT_EQ(find_patches("f", "out*r", names).value(), (Found{1, 2, 3, 4}));
+  EXPECT_EQ(find_patches("f", "outer*", names).value(), (Found{0, 1, 2, 3, 4}));
+  EXPECT_EQ(find_patches("f", "outer 2", names).value(), (Found{1}));
+  EXPECT_EQ(find_patches("f", "side x*", names).value(), (Found{2}));
+  const std::vector<std::string> with_one = {"outer", "outer 2", "side x-"};
+  EXPECT_EQ(find_patches("f", "outer", with_one).value(), (Found{0}));
+  for (const char* other : {"outer ", "outer 1b", "outer_1", "side", "side x", "side x*", "Side x-"})
+    EXPECT_FALSE(is_patch_of_rest(other)) << other;
+}
+
 TEST(Names, PatchesAreFoundByPatterns) {
   const std::vector<std::string> names = {"inlet", "wing_left", "wing_right", "a*b"};
   EXPECT_EQ(find_patches("f", "wing*", names).value(), (std::vector<std::size_t>{1, 2}));

@@ -241,7 +241,7 @@ TEST_F(PlayerOfALattice, TheBoundaryOfTheFileIsRead) {
 
   scene.surfaces[0].boundary = "inlet";
   EXPECT_THAT(player->set_scene(scene).error().message,
-              HasSubstr("no patch \"inlet\" in its boundary; there are: outer"));
+              HasSubstr("no patch \"inlet\" in its boundary; there are: side x-, side x+"));
   scene.surfaces[0].boundary = "outer";
   const auto other = open();
   EXPECT_THAT(other->set_scene(scene).error().message, HasSubstr("svbuild --boundary"));

@@ -608,7 +608,7 @@ TEST_F(Programs, PatchesThatAreNotThereAreRefused) {
   json text = small_scene;
   text["surfaces"] = {{{"boundary", "motorBike*"}}};
   write("s.json", text.dump());
-  const std::string there = "no patch \"motorBike*\" in its boundary; there are: outer";
+  const std::string there = "no patch \"motorBike*\" in its boundary; there are: outer 1, side x-, side y-, side z-";
   for (const std::string command : {"svrender v.svol", "svtruth mesh.vtu"})
     expect_refusal(command + " --scene s.json -o out.png", there);
   expect_refusal("svrender mesh.svol --scene s.json -o out.png", "svbuild --boundary keeps it");
@@ -631,7 +631,7 @@ TEST_F(Programs, ConnectedPartsOfTheBoundaryAreDrawnByTheirNames) {
   const json info = document_of(run("svinfo --json v.svol"));
   std::vector<std::string> names;
   for (const json& patch : info["boundary"]["patches"]) names.push_back(patch["name"]);
-  EXPECT_THAT(names, ElementsAre("outer 1", "outer 2"));
+  EXPECT_THAT(names, ElementsAre("outer 1", "outer 2", "side x-", "side y-", "side z-"));
   json text = small_scene;
   std::vector<std::size_t> covered;
   for (const char* name : {"outer 1", "outer 2", "outer*"}) {

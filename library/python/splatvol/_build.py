@@ -153,9 +153,9 @@ def build(
     stand for missing values. ``exact``: rounds nothing, but values to single precision unless they have it. ``strict``:
     fails if the file would not be the input as it is. ``memory``: bytes to hold besides the arrays; 0: a quarter of the
     machine's. ``temp_folder``: None: the output's folder. ``up``: "x", "y" or "z", upwards in pictures.
-    ``boundary_triangles``: most triangles of the mesh's boundary, kept as the patch "outer" for scenes that draw it, or
-    as "outer 1", "outer 2", ..., the largest first, if it is not connected; 0: none. ``keep_cells``: the file
-    keeps the cells, or the Delaunay tetrahedra that join the points: by them pictures are exact. ``progress(stage,
+    ``boundary_triangles``: most triangles of the mesh's boundary, kept for scenes that draw it, 0: none. Faces on a side
+    of the mesh's box are the patches "side x-" to "side z+", and connected parts of the others "outer 1", "outer 2", ...,
+    the largest first; "outer" is all of them. ``keep_cells``: the file keeps the cells, or the Delaunay tetrahedra that join the points: by them pictures are exact. ``progress(stage,
     share)``: called now and then, with the share of the stage that is done.
 
     Raises ``InvalidArgumentError`` or ``InvalidDataError`` if arrays do not fit each other, or if a coordinate or a

@@ -107,10 +107,13 @@ Mesh ball(std::uint32_t cells) {
 
 TEST(BoundaryOfMeshes, ACubeHasTwelveTriangles) {
   const Boundary boundary = whole({piece_of(lattice(1))});
-  ASSERT_EQ(boundary.patches.size(), 1u);
-  EXPECT_EQ(boundary.patches[0].name, "outer");
-  EXPECT_EQ(boundary.patches[0].mesh.triangles.size(), 12u);
-  EXPECT_EQ(boundary.patches[0].mesh.points.size(), 8u);
+  ASSERT_EQ(boundary.patches.size(), 6u);
+  for (std::size_t side = 0; side < 6; ++side) {
+    EXPECT_EQ(boundary.patches[side].name, names_of_sides()[side]);
+    ASSERT_EQ(boundary.patches[side].mesh.triangles.size(), 2u);
+    EXPECT_EQ(middle_of(boundary.patches[side].mesh, 0)[static_cast<int>(side / 2)], side % 2);
+    EXPECT_EQ(boundary.patches[side].mesh.points.size(), 4u);
+  }
   EXPECT_EQ(boundary.triangles, 12u);
   EXPECT_EQ(boundary.error, 0);
   EXPECT_EQ(open_edges(boundary), 0u);
@@ -139,11 +142,10 @@ TEST(BoundaryOfMeshes, HangingNodesAreInside) {
   const auto right = lattice(4, [](dvec3 p) { return p + dvec3(1, 0, 0); });
   const Boundary boundary = whole({piece_of(lattice(2)), piece_of(right)});
   EXPECT_EQ(boundary.triangles, 5u * 8 + 5u * 32);
-  EXPECT_EQ(boundary.patches.size(), 1u) << "and the others stay connected";
-  for (const auto& [a, b, c] : boundary.patches[0].mesh.triangles) {
-    const auto& points = boundary.patches[0].mesh.points;
-    EXPECT_FALSE(points[a].x == 1 && points[b].x == 1 && points[c].x == 1);
-  }
+  EXPECT_EQ(boundary.patches.size(), 6u) << "and nothing is left of them beside the sides";
+  for (const Patch& patch : boundary.patches)
+    for (const auto& [a, b, c] : patch.mesh.triangles)
+      EXPECT_FALSE(patch.mesh.points[a].x == 1 && patch.mesh.points[b].x == 1 && patch.mesh.points[c].x == 1);
 }
 
 TEST(BoundaryOfMeshes, AGapIsNoHangingNode) {
@@ -164,12 +166,12 @@ TEST(BoundaryOfMeshes, PatchesHaveTheirFaces) {
     names.push_back(patch.name);
     triangles[patch.name] = patch.mesh.triangles.size();
   }
-  EXPECT_THAT(names, ElementsAre("bottom", "inside", "top", "wall", "outer"));
+  EXPECT_THAT(names, ElementsAre("bottom", "inside", "top", "wall", "side x-", "side x+", "side y-", "side y+"));
   EXPECT_EQ(triangles["top"], 18u);
   EXPECT_EQ(triangles["bottom"], 18u);
   EXPECT_EQ(triangles["inside"], 0u);
   EXPECT_EQ(triangles["wall"], 1u);
-  EXPECT_EQ(triangles["outer"], 4u * 18);
+  EXPECT_EQ(triangles["side y+"], 18u);
 }
 
 TEST(BoundaryOfMeshes, OfPatchesOnlyTheRestIsLeftOut) {
@@ -207,9 +209,17 @@ TEST(BoundaryOfMeshes, APatchWithADamagedPointChangesNothing) {
 }
 
 // The names and numbers of triangles of the patches, in their order.
-std::vector<std::pair<std::string, std::size_t>> sizes_of(const Boundary& boundary) {
-  std::vector<std::pair<std::string, std::size_t>> sizes;
+using Sizes = std::vector<std::pair<std::string, std::size_t>>;
+Sizes sizes_of(const Boundary& boundary) {
+  Sizes sizes;
   for (const Patch& patch : boundary.patches) sizes.emplace_back(patch.name, patch.mesh.triangles.size());
+  return sizes;
+}
+
+// Adds the patches on the sides that have triangles.
+Sizes with_sides(Sizes sizes, const std::array<std::size_t, box_sides>& of_sides) {
+  for (std::size_t side = 0; side < box_sides; ++side)
+    if (of_sides[side] > 0) sizes.emplace_back(names_of_sides()[side], of_sides[side]);
   return sizes;
 }
 
@@ -244,7 +254,7 @@ TEST(TwoSidedTriangles, AreThoseOfBaffles) {
   const Boundary boundary = whole({piece});
   EXPECT_EQ(two_sided_of(boundary, "wall"), 32U);
   EXPECT_EQ(two_sided_of(boundary, "top"), 0U);
-  EXPECT_EQ(two_sided_of(boundary, "outer"), 0U);
+  EXPECT_EQ(two_sided_of(boundary, "side x-"), 0U);
   const TriangleMesh& wall = boundary.patches[1].mesh;
   EXPECT_EQ(wall.triangles.size(), 64U);
   for (std::size_t i = 0; i < wall.triangles.size(); ++i)
@@ -255,11 +265,11 @@ TEST(TwoSidedTriangles, AreThoseOfBaffles) {
 TEST(TwoSidedTriangles, AreThoseOfFlatTetrahedra) {
   Mesh mesh = lattice(1);
   const auto first = static_cast<std::uint32_t>(mesh.points.size());
-  for (const dvec3& corner : {dvec3(3, 0, 0), dvec3(4, 0, 0), dvec3(3, 1, 0), dvec3(4, 1, 0)})
+  for (const dvec3& corner : {dvec3(3, 0.2, 0.5), dvec3(4, 0.2, 0.5), dvec3(3, 0.8, 0.5), dvec3(4, 0.8, 0.5)})
     mesh.points.push_back(corner);
   mesh.tetrahedra.push_back({first, first + 1, first + 2, first + 3});
   const Boundary boundary = whole({piece_of(mesh)});
-  EXPECT_THAT(sizes_of(boundary), ElementsAre(Pair("outer 1", 12U), Pair("outer 2", 4U)));
+  EXPECT_THAT(sizes_of(boundary), ElementsAreArray(with_sides({{"outer 1", 2}, {"outer 2", 4}}, {2, 0, 2, 2, 2, 2})));
   EXPECT_EQ(two_sided_of(boundary, "outer 1"), 0U);
   EXPECT_EQ(two_sided_of(boundary, "outer 2"), 4U);
 }
@@ -278,9 +288,8 @@ TEST(TwoSidedTriangles, AreSimplifiedApartFromTheOthers) {
   for (std::size_t i = 0; i < wall.triangles.size(); ++i)
     for (const std::uint32_t corner : wall.triangles[i])
       EXPECT_NEAR(wall.is_two_sided(i) ? wall.points[corner].x - 0.5 : wall.points[corner].z, 0, 1e-6);
-  Boundary hull = boundary;  // without the wall it is closed
-  std::erase_if(hull.patches[0].mesh.triangles,
-                [&, i = std::size_t{0}](const auto&) mutable { return hull.patches[0].mesh.is_two_sided(i++); });
+  Boundary hull = boundary;  // without the wall, whose triangles come last, it is closed
+  hull.patches[0].mesh.triangles.resize(wall.triangles.size() - two_sided_of(boundary, "wall"));
   EXPECT_NEAR(volume_6(hull), 6, 1e-9);
 }
 
@@ -331,12 +340,12 @@ Piece cubes_at(const std::vector<dvec3>& places) {
 
 TEST(ConnectedParts, ABodyIsApartFromTheHullRoundIt) {
   const Boundary boundary = whole({piece_of(hollow(6, {dvec3(0.35), dvec3(0.65)}))});
-  EXPECT_THAT(sizes_of(boundary), ElementsAre(Pair("outer 1", 6u * 72), Pair("outer 2", 6u * 8)));
-  EXPECT_EQ(boundary.patches[1].mesh.points.size(), 26u);
+  EXPECT_THAT(sizes_of(boundary), ElementsAreArray(with_sides({{"outer 2", 6u * 8}}, {72, 72, 72, 72, 72, 72})));
+  EXPECT_EQ(boundary.patches[0].mesh.points.size(), 26u);
   EXPECT_EQ(open_edges(boundary), 0u);
   EXPECT_NEAR(volume_6(boundary), 6 * (1 - 1.0 / 27), 1e-12);
   const Boundary touching = whole({piece_of(hollow(6, {dvec3(0.35, 0.35, 0), dvec3(0.65)}))});
-  EXPECT_THAT(sizes_of(touching), ElementsAre(Pair("outer", touching.triangles)));
+  EXPECT_THAT(sizes_of(touching), ElementsAreArray(with_sides({{"outer 1", 72}}, {72, 72, 72, 72, 64, 72})));
 }
 
 TEST(ConnectedParts, AreInTheOrderOfTheirSizesThenOfTheirPlaces) {
@@ -345,7 +354,8 @@ TEST(ConnectedParts, AreInTheOrderOfTheirSizesThenOfTheirPlaces) {
   std::vector<Piece> pieces = {cubes_at(places), piece_of(lattice(1, [](dvec3 p) { return 2.0 * p + 3.0; }))};
   const Boundary boundary = whole(pieces);
   EXPECT_THAT(sizes_of(boundary),
-              ElementsAre(Pair("outer 1", 12u), Pair("outer 2", 12u), Pair("outer 3", 12u), Pair("outer 4", 12u)));
+              ElementsAreArray(
+                  with_sides({{"outer 1", 6}, {"outer 2", 6}, {"outer 3", 8}, {"outer 4", 8}}, {6, 2, 4, 2, 4, 2})));
   const auto low = [&](const Boundary& from, std::size_t part) {
     Box box;
     for (const dvec3& p : from.patches[part].mesh.points) box.include(p);
@@ -367,17 +377,18 @@ TEST(ConnectedParts, BeyondALimitAreOnePatch) {
   for (int i = 0; i < 32; ++i) places.emplace_back(i, 0, 0);
   std::vector<std::string> names;
   for (const auto& [name, triangles] : sizes_of(whole({cubes_at(places)}))) names.push_back(name);
-  ASSERT_EQ(names.size(), most_rest_parts);
+  ASSERT_EQ(names.size(), most_rest_parts + box_sides);
   EXPECT_EQ(names[0], "outer 1");
   EXPECT_EQ(names[9], "outer 10") << "in the order of their numbers";
   EXPECT_EQ(names[31], "outer 32");
   const Boundary boundary =
       whole({piece_of(lattice(3, [](dvec3 p) { return 5.0 * p; })), piece_of(random_tetrahedra(2000))});
   const auto sizes = sizes_of(boundary);
-  ASSERT_EQ(sizes.size(), most_rest_parts);
-  EXPECT_EQ(sizes.front(), std::pair(std::string("outer 1"), std::size_t{108}));
-  EXPECT_EQ(sizes[30], std::pair(std::string("outer 31"), std::size_t{4}));
-  EXPECT_EQ(sizes.back(), std::pair(std::string("outer rest"), std::size_t{4 * 1970}));
+  ASSERT_EQ(sizes.size(), most_rest_parts - 1 + box_sides);
+  EXPECT_EQ(sizes.front(), std::pair(std::string("outer 2"), std::size_t{4})) << "the first is on the sides only";
+  EXPECT_EQ(sizes[29], std::pair(std::string("outer 31"), std::size_t{4}));
+  EXPECT_EQ(sizes[30], std::pair(std::string("outer rest"), std::size_t{4 * 1970}));
+  EXPECT_EQ(sizes.back(), std::pair(std::string("side z+"), std::size_t{18}));
 }
 
 // All faces of a patch stay together, and the rest does not get a name that the input uses.
@@ -390,12 +401,14 @@ TEST(ConnectedParts, LeaveTheInputsPatchesAsTheyAre) {
     for (const double x : {0.0, 1.0}) piece.patches.push_back(patch_at(names[0], mesh, 0, x));
     return sizes_of(whole({piece}));
   };
-  EXPECT_THAT(with({"sides"}), ElementsAre(Pair("sides", 144u), Pair("outer 1", 288u), Pair("outer 2", 48u)));
+  EXPECT_THAT(with({"sides"}), ElementsAreArray(with_sides({{"sides", 144}, {"outer 2", 48}}, {0, 0, 72, 72, 72, 72})));
   EXPECT_THAT(with({"sides", "outer 2"}), ElementsAre(Pair("outer 2", 0u), Pair("sides", 144u), Pair("outer", 336u)));
   EXPECT_THAT(with({"sides", "outer rest"}),
               ElementsAre(Pair("outer rest", 0u), Pair("sides", 144u), Pair("outer", 336u)));
+  EXPECT_THAT(with({"sides", "side x-"}), ElementsAre(Pair("side x-", 0u), Pair("sides", 144u), Pair("outer", 336u)));
   EXPECT_THAT(with({"outer"}), ElementsAre(Pair("outer", 480u))) << "the rest belongs to it";
-  EXPECT_THAT(with({"outer 99"}), ElementsAre(Pair("outer 99", 144u), Pair("outer 1", 288u), Pair("outer 2", 48u)));
+  EXPECT_THAT(with({"outer 99"}),
+              ElementsAreArray(with_sides({{"outer 99", 144}, {"outer 2", 48}}, {0, 0, 72, 72, 72, 72})));
 }
 
 // A file holds 4096 patches.
@@ -419,7 +432,7 @@ TEST(ConnectedParts, AreThoseOfTheJoinedSurface) {
   ASSERT_TRUE(faces.visit([&](const BoundaryTriangle& triangle) { return welded.add(triangle); }));
   ASSERT_GT(welded.moved(), 0);
   std::vector<std::uint32_t> patches = welded.patches();
-  EXPECT_THAT(split_rest(welded.points(), welded.triangles(), most_rest_parts, 1, patches),
+  EXPECT_THAT(split_rest(welded.points(), welded.triangles(), most_rest_parts, 1, 1, patches),
               ElementsAre("outer 1", "outer 2"));
   for (std::size_t i = 0; i < patches.size(); ++i) {
     const dvec3 corner = welded.points()[welded.triangles()[i][0]];
@@ -430,7 +443,7 @@ TEST(ConnectedParts, AreThoseOfTheJoinedSurface) {
 TEST(ConnectedParts, ShareNoTriangleOnceSimplified) {
   const Mesh mesh = hollow(30, {dvec3(0.3), dvec3(0.6)});
   const Boundary boundary = simplified({piece_of(mesh)}, 1000);
-  ASSERT_EQ(boundary.patches.size(), 2u);
+  ASSERT_EQ(boundary.patches.size(), 1u + box_sides);
   EXPECT_LE(boundary.kept, 1000u);
   EXPECT_EQ(open_edges(boundary), 0u);
   EXPECT_LT(boundary.error, 1e-6);
@@ -507,7 +520,8 @@ TEST(SimplifiedBoundary, DoesNotDependOnMemoryAndThreads) {
     const tbb::global_control control(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(threads));
     BoundaryFaces faces = faces_of(pieces, memory);
     const Boundary boundary = simplified_boundary(faces, 2000).value();
-    EXPECT_THAT(sizes_of(boundary), ElementsAre(Pair("outer 1", _), Pair("outer 2", _)));
+    EXPECT_THAT(sizes_of(boundary), ElementsAre(Pair("outer 1", _), Pair("outer 2", _), Pair("side x+", _),
+                                                Pair("side y+", _), Pair("side z+", _)));
     return format::pack_boundary(boundary.patches, boundary.error).value().section;
   };
   const auto first = bytes(BoundaryFaces::least_memory(), 1);
