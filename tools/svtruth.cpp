@@ -3,12 +3,14 @@
 
 #include <algorithm>
 #include <limits>
+#include <memory>
 #include <nlohmann/json.hpp>
 
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory_limit.h"
 #include "builder/boundary/boundary_faces.h"
+#include "builder/boundary/simplify.h"
 #include "builder/opening/open_own.h"
 #include "pictures/image.h"
 #include "renderer/reference/reference.h"

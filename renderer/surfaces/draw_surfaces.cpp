@@ -174,8 +174,6 @@ class SurfaceDrawing {
   [[nodiscard]] SurfaceLayer layer_of(const std::vector<Hit>& hits, const std::vector<Hit>& opaque) const;
   void join(SurfaceLayer& layer, const std::vector<Hit>& hits, const std::vector<Hit>& opaque) const;
   [[nodiscard]] vec4 shade(const Hit& hit, int x, int y) const;
-  [[nodiscard]] static dvec3 color_of(const Surface& surface, std::size_t triangle,
-                                      const std::array<double, 3>& shares);
 
   // The ray through a pixel's centre.
   [[nodiscard]] double a_of(int x) const { return (x + 0.5 - 0.5 * view_.width) / view_.focal; }
@@ -334,18 +332,11 @@ vec4 SurfaceDrawing::shade(const Hit& hit, int x, int y) const {
     brightness *= 1 + line * (edge_brightness - 1);
   }
   dvec3 color = style.color;
-  if (surface.surface->values) color = color_of(*surface.surface, number, triangle.shares(a));
+  if (surface.surface->values)
+    if (const double value = surface.surface->value(number, triangle.shares(a)); !std::isnan(value))
+      color = style.color_by->function.color(value);
   const double opacity = surface.surface->opacity(number, triangle.is_from_outside(a));
   return {vec3(opacity * brightness * color), static_cast<float>(opacity)};
-}
-
-// The colour of the value at a place in a triangle. A corner without a value leaves the triangle without one.
-dvec3 SurfaceDrawing::color_of(const Surface& surface, std::size_t triangle, const std::array<double, 3>& shares) {
-  const std::vector<double>& values = surface.values->values;
-  double value = surface.values->of_triangles ? values[triangle] : 0;
-  for (std::size_t k = 0; k < 3 && !surface.values->of_triangles; ++k)
-    value += shares[k] * values[surface.mesh->triangles[triangle][k]];
-  return std::isnan(value) ? surface.style.color : surface.style.color_by->function.color(value);
 }
 
 // Returns the layer of the translucent places, and of the opaque ones in all other pixels.

@@ -29,6 +29,13 @@ double Surface::opacity(std::size_t triangle, bool from_outside) const {
   return style.near_side == NearSide::hidden ? 0 : near_side_share * style.opacity;
 }
 
+double Surface::value(std::size_t triangle, const std::array<double, 3>& shares) const {
+  if (values->of_triangles) return values->values[triangle];
+  double sum = 0;
+  for (std::size_t k = 0; k < 3; ++k) sum += shares[k] * values->values[mesh->triangles[triangle][k]];
+  return sum;
+}
+
 Result<std::vector<Surface>> read_surfaces(std::span<const SceneSurface> styles, const SurfaceReaders& readers,
                                            std::span<const Surface> before) {
   std::vector<Surface> surfaces;

@@ -1,6 +1,7 @@
 // Surfaces of a scene, with their triangles.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -46,6 +47,10 @@ struct Surface {
   /// Returns the opacity of a triangle; 0: it is hidden. `from_outside`: its corners run counterclockwise as the eye
   /// sees them.
   [[nodiscard]] double opacity(std::size_t triangle, bool from_outside) const;
+
+  /// Returns the value at a place in a triangle, which has these shares of its corners; NaN: none. A corner without a
+  /// value leaves the triangle without one. Requires `values`.
+  [[nodiscard]] double value(std::size_t triangle, const std::array<double, 3>& shares) const;
 };
 
 /// Where triangles come from.
