@@ -59,10 +59,10 @@ struct MeshBuildOptions {
   std::string name = "arrays";       // of the input, for messages and the file's provenance
   std::function<void(const char* stage, double share)> progress = {};  // share of the stage that is done, in [0, 1]
 
-  /// Most triangles of the mesh's boundary, which the file then holds: all faces that one cell has, for scenes that draw
-  /// it (SceneSurface::boundary). Those on a side of the mesh's box are the patches "side x-" to "side z+", and all
-  /// others the patches "outer 1", "outer 2", ..., which are not connected, the largest first. "outer" is all of them.
-  /// If there are more triangles, they are simplified. 0: none.
+  /// Most triangles of the mesh's boundary, which the file then holds: all faces that one cell has, for scenes that
+  /// draw it (SceneSurface::boundary). Those on a side of the mesh's box are the patches "side x-" to "side z+", and
+  /// all others the patches "outer 1", "outer 2", ..., which are not connected, the largest first. "outer" is all of
+  /// them. If there are more triangles, they are simplified. 0: none.
   std::uint64_t boundary_triangles = 0;
 
   /// The file keeps the cells of the mesh, or the Delaunay tetrahedra that join its points, if there are any. By them
