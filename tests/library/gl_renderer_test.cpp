@@ -335,8 +335,9 @@ TEST_P(HostedDrawing, EndsAtTheHostsDepths) {
 TEST_P(HostedDrawing, DrawsTheBoundaryOfTheFile) {
   ASSERT_TRUE(build(Lattice(12).mesh(), path_, {.boundary_triangles = 1000}));
   const Image without = open_apart().render({.tolerance_percent = 0}).value();
-  for (const double opacity : {1.0, 0.5}) {
-    scene_.surfaces = {{.color = {0, 0, 1}, .opacity = opacity, .boundary = "outer"}};
+  for (const auto& [opacity, near_side] : {std::pair(1.0, NearSide::shown), std::pair(0.5, NearSide::shown),
+                                           std::pair(1.0, NearSide::translucent), std::pair(0.5, NearSide::hidden)}) {
+    scene_.surfaces = {{.color = {0, 0, 1}, .opacity = opacity, .boundary = "outer", .near_side = near_side}};
     GlRenderer hosted = open();
     ASSERT_TRUE(hosted.draw({.tolerance_percent = 0}));
     const std::vector<vec4> pixels = pixels_of(hosted.texture());

@@ -132,8 +132,17 @@ def test_the_boundary_of_the_file_is_drawn(ball_mesh, ball_file, tmp_path):
     splatvol.build(points, cells, {"T": points[:, 0]}, tmp_path / "a.svol", boundary_triangles=1000)
     scene = constant_scene()
     scene["surfaces"] = [{"boundary": "out*", "color": [0, 0, 1]}]
-    picture = splatvol.open(tmp_path / "a.svol").render(scene)
+    file = splatvol.open(tmp_path / "a.svol")
+    picture = file.render(scene)
     assert picture[32, 32, 3] == 1 and picture[32, 32, 2] > .9
+    # The near side of the ball is open: its far side is seen through the volume.
+    scene["surfaces"][0]["near_side"] = "hidden"
+    opened = file.render(scene)
+    assert opened[32, 32, 3] == 1 and opened[32, 32, 2] < picture[32, 32, 2]
+    scene["surfaces"][0]["near_side"] = "open"
+    with pytest.raises(splatvol.InvalidDataError, match="near_side: 'open' is none of shown, translucent and hidden"):
+        file.render(scene)
+    scene["surfaces"][0]["near_side"] = "shown"
     with pytest.raises(splatvol.InvalidArgumentError, match="--boundary"):
         ball_file.render(scene)
 
