@@ -76,7 +76,14 @@ TEST_F(PanelRows, PlanesAreAddedAndSelectedBelowTheClick) {
   EXPECT_EQ(scene().slices.size(), 2u);
 }
 
-TEST_F(PanelRows, PatchesKeepTheirPlacesWhenTheyBecomeSurfaces) {
+struct PatchRows : PanelRows {
+  // A file with three patches.
+  void SetUp() override;
+  static constexpr double inlet = 640, wall = 665, outlet = 690;
+};
+
+void PatchRows::SetUp() {
+  PanelRows::SetUp();
   TriangleMesh triangle;
   triangle.points = {dvec3(0), dvec3(1, 0, 0), dvec3(0, 1, 0)};
   triangle.triangles = {{0, 1, 2}};
@@ -89,15 +96,49 @@ TEST_F(PanelRows, PatchesKeepTheirPlacesWhenTheyBecomeSurfaces) {
   open({.volume = path("patches.svol")});
   settle();
   ASSERT_TRUE(scene().surfaces.empty());
-  const double outlet = 690, inlet = 640;
+}
+
+TEST_F(PatchRows, KeepTheirPlacesWhenPatchesBecomeSurfaces) {
   click_and_settle(17, outlet);
   click_and_settle(17, inlet);
   ASSERT_EQ(scene().surfaces.size(), 2u);
   EXPECT_EQ(scene().surfaces[0].boundary, "outlet");
   EXPECT_EQ(scene().surfaces[1].boundary, "inlet");
+  EXPECT_EQ(scene().surfaces[1].near_side, NearSide::hidden) << "it would hide the cells";
   click_and_settle(17, outlet);
   EXPECT_FALSE(scene().surfaces[0].shown);
   EXPECT_TRUE(scene().surfaces[1].shown);
+}
+
+// A click on a name selects the surface that the controls below the list change; without one, they change all.
+TEST_F(PatchRows, SetTheLookOfASurface) {
+  const double color_y = 759, opacity_y = 784, near_side_y = 809, row = 17;  // of a menu
+  const auto choose_near_side = [&](int entry) {
+    click_and_settle(100, near_side_y);
+    click_and_settle(60, near_side_y + row * (1.4 + entry));
+  };
+  click_and_settle(60, inlet);
+  click_and_settle(17, wall);
+  const std::vector<SceneSurface>& surfaces = viewer->session()->scene.surfaces;
+  ASSERT_EQ(surfaces.size(), 2u);
+  EXPECT_TRUE(surfaces[0].shown);
+  choose_near_side(1);
+  EXPECT_EQ(surfaces[0].near_side, NearSide::translucent);
+  EXPECT_EQ(surfaces[1].near_side, NearSide::hidden);
+  drag({{120, opacity_y}, {60, opacity_y}});
+  settle();
+  EXPECT_LT(surfaces[0].opacity, 0.5);
+  EXPECT_EQ(surfaces[1].opacity, 1);
+  click_and_settle(60, inlet);  // no surface is selected
+  choose_near_side(0);
+  for (const SceneSurface& surface : surfaces) EXPECT_EQ(surface.near_side, NearSide::shown) << surface.boundary;
+  drag({{40, color_y}, {80, color_y}});  // less or more red
+  settle();
+  EXPECT_EQ(surfaces[0].color, surfaces[1].color);
+  EXPECT_NE(surfaces[0].color, SceneSurface{}.color);
+  press_with_control('Z');
+  settle();
+  for (const SceneSurface& surface : surfaces) EXPECT_EQ(surface.color, SceneSurface{}.color);
 }
 
 // The factors of the opacity stay while values are read.
