@@ -90,8 +90,9 @@ std::vector<Surface> reusable(std::span<const Surface> before, const PatchChoice
 }
 
 // Reads the values of cells at the points of a mesh; at the middles of its triangles, if cells have one value each. A
-// part of them at a time bounds the memory.
-Result<SurfaceValues> sample_at(const TriangleMesh& mesh, const format::Volume& volume, const std::string& attribute) {
+// part of them at a time bounds the memory. `reach`: how far the points may be from cells.
+Result<SurfaceValues> sample_at(const TriangleMesh& mesh, double reach, const format::Volume& volume,
+                                const std::string& attribute) {
   constexpr std::uint64_t held_bytes = std::uint64_t{16} << 20;
   constexpr std::size_t at_once = std::size_t{1} << 18;
   SPLATVOL_TRY_ASSIGN(number, format::find_attribute(volume.info(), attribute, volume.name()));
@@ -109,7 +110,7 @@ Result<SurfaceValues> sample_at(const TriangleMesh& mesh, const format::Volume& 
     positions.clear();
     for (std::size_t i = begin; i < std::min(count, begin + at_once); ++i)
       positions.push_back(values.of_triangles ? middle_of(mesh, i) : mesh.points[i]);
-    SPLATVOL_TRY_ASSIGN(part, sample_cells(*cells, positions));
+    SPLATVOL_TRY_ASSIGN(part, sample_cells(*cells, positions, reach));
     values.values.insert(values.values.end(), part.begin(), part.end());
   }
   return values;
@@ -143,7 +144,10 @@ Status add_values(std::span<Surface> surfaces, const format::Volume& volume, std
       surface.values = same->values;
       continue;
     }
-    SPLATVOL_TRY_ASSIGN(values, sample_at(*surface.mesh, volume, attribute));
+    // A file rounds its boundary apart from its cells.
+    const bool is_patch = is_boundary(surface.style) && volume.info().boundary;
+    SPLATVOL_TRY_ASSIGN(values,
+                        sample_at(*surface.mesh, is_patch ? volume.info().boundary->error : 0, volume, attribute));
     surface.values = std::make_shared<const SurfaceValues>(std::move(values));
   }
   return {};

@@ -20,8 +20,9 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 // Values at positions, from the cells that were looked at so far.
 class Samples {
  public:
-  Samples(const CellTetrahedra& cells, std::span<const dvec3> positions)
+  Samples(const CellTetrahedra& cells, std::span<const dvec3> positions, double reach)
       : cells_(cells),
+        reach_(reach),
         positions_(positions),
         tree_(positions),
         values_(positions.size(), std::numeric_limits<double>::quiet_NaN()),
@@ -43,7 +44,7 @@ class Samples {
 
   // Finds such positions in the tetrahedra of a chunk, or those on which they come to lie `with_reach`. Thread-safe.
   [[nodiscard]] std::vector<Found> find(Box box, const Tetrahedra& tetrahedra, bool with_reach) const {
-    widen(box, with_reach ? cells_.reach() : 0);
+    widen(box, with_reach ? std::max(cells_.reach(), reach_) : 0);
     std::vector<Found> all;
     tree_.visit_near(box, [&](std::uint32_t i) {
       if (is_open_in(box, i)) all.push_back({i});
@@ -84,7 +85,7 @@ class Samples {
       const TetrahedronCorners corners = tetrahedra.corners_of(t);
       Box around;
       for (const dvec3& corner : corners) around.include(corner);
-      const double reach = with_reach ? cells_.reach(around) : 0;
+      const double reach = with_reach ? std::max(cells_.reach(around), reach_) : 0;
       widen(around, reach);
       tree.visit_near(around, [&](std::uint32_t i) {
         if (!(all[i].distance > 0) || !is_in(around, positions[i])) return;
@@ -103,6 +104,7 @@ class Samples {
   }
 
   const CellTetrahedra& cells_;
+  double reach_;  // at least
   std::span<const dvec3> positions_;
   PositionTree tree_;
   std::vector<double> values_;     // [position]
@@ -111,14 +113,14 @@ class Samples {
 
 }  // namespace
 
-Result<std::vector<double>> sample_cells(const CellTetrahedra& cells, std::span<const dvec3> positions) {
-  Samples samples(cells, positions);
+Result<std::vector<double>> sample_cells(const CellTetrahedra& cells, std::span<const dvec3> positions, double reach) {
+  Samples samples(cells, positions, reach);
   // Mostly, all positions are in cells, or far from all. Those that rounding may have moved out of cells are left for
   // another pass, which reads the chunks round them.
   using Part = std::vector<Samples::Found>;
   for (const bool with_reach : {false, true}) {
-    const double reach = with_reach ? cells.reach() : 0;
-    SPLATVOL_TRY_ASSIGN(chunks, cells.chunks([&](const Box& box) { return samples.has_any_in(box, reach); }));
+    const double beside = with_reach ? std::max(cells.reach(), reach) : 0;
+    SPLATVOL_TRY_ASSIGN(chunks, cells.chunks([&](const Box& box) { return samples.has_any_in(box, beside); }));
     SPLATVOL_TRY(cells.for_each<Part>(
         chunks,
         [&](const format::CellChunkEntry& entry, const Tetrahedra& tetrahedra, Part& part) -> Status {
