@@ -614,6 +614,35 @@ TEST_F(Programs, PatchesThatAreNotThereAreRefused) {
   expect_refusal("svrender mesh.svol --scene s.json -o out.png", "svbuild --boundary keeps it");
 }
 
+// Two cubes with a value each: the walls of each have its colour, also beside their common edges.
+TEST_F(Programs, WallsHaveTheValuesOfOwnCells) {
+  VtuMesh mesh;
+  for (const double x : {0.0, 0.5, 1.0})
+    for (const double y : {0.0, 0.5})
+      for (const double z : {0.0, 0.5}) mesh.points.push_back({x, y, z});
+  mesh.cells = {{12, {0, 4, 6, 2, 1, 5, 7, 3}}, {12, {4, 8, 10, 6, 5, 9, 11, 7}}};
+  mesh.cell_data = {{"heat", {0, 3}, 1, "Float32"}};
+  write("mesh.vtu", mesh.file());
+  expect_done("svbuild mesh.vtu --cells own --boundary --exact -o v.svol");
+  json text = small_scene;
+  text["transfer_function"]["density"] = {{0, 0}, {1, 0}};
+  const json coloring = {{"attribute", "heat"}, {"domain", {0, 3}}, {"colors", {{0, 0, 0, 1}, {1, 1, 0, 0}}}};
+  text["surfaces"] = {{{"boundary", "*"}, {"near_side", "hidden"}, {"color_by", coloring}}};
+  write("s.json", text.dump());
+  expect_done("svrender v.svol --scene s.json --exact -o v.exr");
+  expect_done("svtruth mesh.vtu --cells own --scene s.json -o t.exr");
+  const Image image = *read_exr(path("v.exr"));
+  EXPECT_LT(compare_images(image, *read_exr(path("t.exr")))->rmse, 1e-6);
+  std::size_t blue = 0, red = 0;
+  for (const vec4& pixel : image.pixels) {
+    if (pixel.a == 0) continue;
+    EXPECT_TRUE(pixel.b == 0 || pixel.r == 0) << "no colour between them";
+    ++(pixel.b > 0 ? blue : red);
+  }
+  EXPECT_GT(blue, 50U);
+  EXPECT_GT(red, 50U);
+}
+
 // Two tetrahedra that do not touch, the larger one on the right.
 TEST_F(Programs, ConnectedPartsOfTheBoundaryAreDrawnByTheirNames) {
   const VtuMesh mesh{.points = {{-0.5, 0, 0},
