@@ -111,6 +111,21 @@ TEST_F(SceneSurfaces, HaveTheValuesOfTheCells) {
   EXPECT_THAT(test::message_of(add_values(surfaces, *volume, {})), HasSubstr("no attribute \"other\""));
 }
 
+// Patches are rounded more than exact cells: some of their points are a little outside of all cells.
+TEST_F(SceneSurfaces, HaveValuesAtAllPointsOfPatches) {
+  const test::TempFolder folder;
+  const auto field = [](dvec3 p) { return 3 + p.x - 2 * p.y + 0.5 * p.z; };
+  test::build_mesh(test::lattice(6, [](dvec3 p) { return 1.7 * p + 0.3; }), field, folder.path("m.svol"),
+                   {.exact = {.positions = true, .values = true}, .boundary_triangles = 1000, .keep_cells = true});
+  const auto volume = test::value_of(format::Volume::open(test::value_of(open_file(folder.path("m.svol")))));
+  const std::vector<SceneSurface> styles = {{.boundary = "*", .color_by = SceneColoring{"value", {}}}};
+  const auto surfaces = test::value_of(read_scene_surfaces(styles, *volume, {}, 1'000'000, {}));
+  const TriangleMesh& mesh = *surfaces[0].mesh;
+  ASSERT_EQ(mesh.triangles.size(), 6U * 72);
+  for (std::size_t i = 0; i < mesh.points.size(); ++i)
+    EXPECT_NEAR(surfaces[0].values->values[i], field(mesh.points[i]), 1e-6);
+}
+
 TEST_F(SceneSurfaces, AllOfASceneShareTheRoom) {
   const std::vector<SceneSurface> styles{{.boundary = "wall"}, {.boundary = "*let"}, {.boundary = "in*"}};
   const auto size = [](const Surface& surface) { return surface.mesh->triangles.size(); };

@@ -625,6 +625,7 @@ TEST_F(Programs, WallsHaveTheValuesOfOwnCells) {
   write("mesh.vtu", mesh.file());
   expect_done("svbuild mesh.vtu --cells own --boundary --exact -o v.svol");
   json text = small_scene;
+  text["camera"]["position"] = {0.317, 0.271, 4};  // no ray meets an edge
   text["transfer_function"]["density"] = {{0, 0}, {1, 0}};
   const json coloring = {{"attribute", "heat"}, {"domain", {0, 3}}, {"colors", {{0, 0, 0, 1}, {1, 1, 0, 0}}}};
   text["surfaces"] = {{{"boundary", "*"}, {"near_side", "hidden"}, {"color_by", coloring}}};
