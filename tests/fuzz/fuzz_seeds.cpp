@@ -236,6 +236,7 @@ Status add_scenes(Seeds& seeds) {
   scene.opacity = SceneOpacity{"T", {.lo = 2, .hi = 9, .colors = {{0, dvec3(1)}}, .densities = {{0, 0}, {1, 1}}}};
   scene.contours = {{.values = {3, 4.5}, .color_by = SceneColoring{"T", scene.opacity->function}, .opacity = 0.5},
                     {.values = {2}, .color = dvec3(1)}};
+  scene.surfaces = {{.boundary = "wall*", .color_by = scene.contours[0].color_by, .near_side = NearSide::hidden}};
   SPLATVOL_TRY(seeds.add("fuzz_scene", scene_to_json(scene)));
   scene.transfer_function.axis = ValueAxis::asinh;
   scene.transfer_function.lo = -1000;
