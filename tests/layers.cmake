@@ -4,8 +4,13 @@
 # Run: cmake -D ROOT=... -P layers.cmake
 cmake_minimum_required(VERSION 3.25)
 
+# The formats that our own code parses, and those that need VTK's library.
+set(own_formats builder/sources/csv builder/sources/numpy builder/sources/openvdb builder/sources/gmsh builder/sources/su2
+                builder/sources/openfoam)
+set(vtk_formats builder/sources/hdf5 builder/sources/vtk builder/sources/exodus builder/sources/ensight builder/sources/cgns
+                builder/sources/vtkhdf builder/sources/plot3d builder/sources/surfaces)
 set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources builder/sources/process
-                  builder/sources/openfoam builder/sources/vtk builder/boundary builder/output builder/cells builder/points builder/reduction builder/opening
+                  ${own_formats} ${vtk_formats} builder/boundary builder/output builder/cells builder/points builder/reduction builder/opening
                   builder/pipeline builder/series builder/cache)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
 set(layers splatvol base splat scene pictures format sampler ${builder_rooms} builder/distributed extractor streamer/store streamer/splats streamer/first
@@ -25,14 +30,19 @@ set(builder/mesh_knows base format)
 set(builder/scattered_knows base format builder/mesh)
 set(builder/sources_knows base format builder/mesh builder/sorting)
 set(builder/sources/process_knows base format builder/mesh builder/sources)
-set(builder/sources/openfoam_knows base builder/mesh builder/sources)
-set(builder/sources/vtk_knows base format builder/mesh builder/sources builder/sources/openfoam)
+foreach(format IN LISTS own_formats vtk_formats)
+  set(${format}_knows base builder/mesh builder/sources)
+endforeach()
+list(APPEND builder/sources/su2_knows builder/sources/csv)
+foreach(format exodus ensight cgns vtkhdf plot3d surfaces)
+  list(APPEND builder/sources/${format}_knows builder/sources/hdf5 builder/sources/vtk)
+endforeach()
 set(builder/boundary_knows base format builder/mesh builder/sorting builder/sources)
 set(builder/output_knows base splat format builder/mesh builder/sorting)
 set(builder/cells_knows base format builder/mesh builder/sorting builder/sources builder/output)
 set(builder/points_knows base splat format builder/sorting builder/mesh builder/scattered builder/sources)
 set(builder/reduction_knows base splat format builder/sorting builder/mesh builder/scattered builder/output builder/points)
-set(builder/opening_knows base format builder/mesh builder/sources builder/sources/process builder/sources/vtk)
+set(builder/opening_knows base format builder/mesh builder/sources builder/sources/process ${own_formats} ${vtk_formats})
 set(builder/pipeline_knows base format builder/sorting builder/mesh builder/scattered builder/sources builder/boundary
                            builder/output builder/cells builder/points builder/reduction)
 set(builder/series_knows base format builder/sources builder/boundary builder/cells builder/opening builder/pipeline)
@@ -65,7 +75,7 @@ set(bench_knows ${tools_knows} tools)
 # Only these layers may include headers of OpenGL, of VTK, and of MPI.
 set(gl_folders epoxy EGL GL GLES3 GLFW)
 set(gl_layers renderer/gl viewer/window library/examples)
-set(vtk_layers builder/sources/vtk tests/fuzz)
+set(vtk_layers ${vtk_formats} tests/fuzz)
 set(mpi_layers builder/distributed)
 # These layers have no threads and no locks: whoever uses them brings both (base/run_tasks.h, base/part_table.h).
 set(thread_headers condition_variable future mutex shared_mutex thread)

@@ -9,7 +9,7 @@
 
 #include "builder/opening/open_source.h"
 #include "builder/sources/process/serve_sources.h"
-#include "builder/sources/vtk/surface_file.h"
+#include "builder/sources/surfaces/surface_file.h"
 
 namespace {
 

@@ -9,6 +9,14 @@
 
 namespace splatvol {
 
+/// VTK's numbers of the types that readers name.
+namespace vtk_cell {
+inline constexpr int empty = 0, triangle = 5, triangle_strip = 6, polygon = 7, pixel = 8, quadrilateral = 9,
+                     tetrahedron = 10, hexahedron = 12, wedge = 13, pyramid = 14, quadratic_triangle = 22,
+                     quadratic_quadrilateral = 23, biquadratic_quadrilateral = 28, quadratic_linear_quadrilateral = 30,
+                     biquadratic_triangle = 34, polyhedron = 42, lagrange_triangle = 69, lagrange_quadrilateral = 70;
+}  // namespace vtk_cell
+
 enum class CellRole {
   shape,       // split directly
   lattice,     // has a point at every position of a lattice: divided into linear cells first

@@ -19,7 +19,7 @@
 #include "base/file.h"
 #include "base/input_formats.h"
 #include "base/replaceable.h"
-#include "builder/sources/formats.h"
+#include "builder/opening/formats.h"
 #include "builder/sources/read_text.h"
 
 namespace splatvol {

@@ -5,11 +5,11 @@
 #include <set>
 
 #include "base/input_formats.h"
+#include "builder/opening/formats.h"
 #include "builder/opening/input_files.h"
-#include "builder/sources/csv_source.h"
-#include "builder/sources/formats.h"
+#include "builder/sources/csv/csv_source.h"
 #include "builder/sources/generator.h"
-#include "builder/sources/npy_source.h"
+#include "builder/sources/numpy/npy_source.h"
 
 namespace splatvol {
 

@@ -10,31 +10,34 @@
 #include <map>
 #include <optional>
 #include <set>
-#include <string_view>
 #include <utility>
 
 #include "base/input_formats.h"
 #include "base/printable.h"
+#include "builder/opening/formats.h"
 #include "builder/opening/input_files.h"
 #include "builder/opening/open_own.h"
-#include "builder/sources/formats.h"
+#include "builder/sources/cgns/cgns_reader.h"
+#include "builder/sources/data_sets_source.h"
+#include "builder/sources/ensight/ensight_case.h"
+#include "builder/sources/ensight/ensight_reader.h"
+#include "builder/sources/exodus/exodus_reader.h"
+#include "builder/sources/file_data_sets.h"
+#include "builder/sources/gmsh/gmsh_reader.h"
+#include "builder/sources/openfoam/openfoam_reader.h"
+#include "builder/sources/openvdb/vdb_source.h"
+#include "builder/sources/plot3d/plot3d_reader.h"
 #include "builder/sources/read_text.h"
+#include "builder/sources/su2/su2_reader.h"
 #include "builder/sources/time_steps.h"
-#include "builder/sources/vdb_source.h"
 #include "builder/sources/vtk/collections.h"
-#include "builder/sources/vtk/reader.h"
-#include "builder/sources/vtk/source.h"
+#include "builder/sources/vtk/legacy_checks.h"
+#include "builder/sources/vtk/legacy_reader.h"
+#include "builder/sources/vtk/xml_reader.h"
+#include "builder/sources/vtkhdf/vtkhdf_reader.h"
 
 namespace splatvol {
 namespace {
-
-std::optional<VtkFile::Kind> kind_of_xml(std::string_view type) {
-  if (type == "UnstructuredGrid") return VtkFile::Kind::unstructured;
-  if (type == "StructuredGrid") return VtkFile::Kind::structured;
-  if (type == "RectilinearGrid") return VtkFile::Kind::rectilinear;
-  if (type == "ImageData") return VtkFile::Kind::image;
-  return type == "PolyData" ? std::optional(VtkFile::Kind::poly) : std::nullopt;
-}
 
 bool newer_than(const FileHeader& header, int major, int minor) {
   return header.major > major || (header.major == major && header.minor > minor);
@@ -48,11 +51,11 @@ tl::unexpected<Error> fail_version(const std::string& path, const FileHeader& he
 
 /// Checks the version here, because VTK at most warns of a newer major version, and reads what it recognises. The
 /// polyhedra of version 2.3 are read by builder/sources/vtk/unstructured_reader.cpp.
-Result<VtkFile> identify_xml(const std::string& path, const FileHeader& header) {
-  const auto kind = kind_of_xml(header.type);
-  if (!kind) return fail(ErrorCode::unsupported, "{}: VTK files of type \"{}\" are not supported", path, header.type);
+Result<InputFile> identify_xml(const std::string& path, const FileHeader& header) {
+  const auto reader = xml_reader_of(header.type);
+  if (!reader) return fail(ErrorCode::unsupported, "{}: VTK files of type \"{}\" are not supported", path, header.type);
   if (newer_than(header, 2, 3)) return fail_version(path, header, "2.3");
-  return VtkFile{path, *kind};
+  return InputFile{path, *reader};
 }
 
 /// A file that names files is not one of those that it names, at any depth.
@@ -121,13 +124,9 @@ class KnownFiles {
   std::vector<DeclaredArrays> declared_;
 };
 
-/// Appends a file to those for VTK's readers. `nesting`: how many files name each other on the way to it.
-using Append = Status(const std::string& path, const FileHeader& header, std::vector<VtkFile>& files, KnownFiles& known,
-                      int nesting);
-
 /// Appends the pieces that a parallel file names.
-Status append_pieces(const std::string& path, const FileHeader& of_path, std::vector<VtkFile>& files, KnownFiles& known,
-                     int /*nesting*/) {
+Status append_pieces(const std::string& path, const FileHeader& of_path, std::vector<InputFile>& files,
+                     KnownFiles& known) {
   SPLATVOL_TRY_ASSIGN(pieces, known.names(path, of_path));
   for (const auto& [piece, block] : pieces) {
     const auto header = known.header(piece);
@@ -141,14 +140,15 @@ Status append_pieces(const std::string& path, const FileHeader& of_path, std::ve
   return {};
 }
 
-Status append_file(const std::string& path, std::vector<VtkFile>& files, KnownFiles& known, int nesting = 0);
+/// Appends a file to those that are read. `nesting`: how many files name each other on the way to it.
+Status append_file(const std::string& path, std::vector<InputFile>& files, KnownFiles& known, int nesting = 0);
 
 /// Appends a file that names the files of its blocks. Errors of these begin with the name of the outermost such file.
-Status append_composite(const std::string& path, const FileHeader& header, std::vector<VtkFile>& files,
+Status append_composite(const std::string& path, const FileHeader& header, std::vector<InputFile>& files,
                         KnownFiles& known, int nesting) {
   if (nesting == deepest_nesting) return fail(ErrorCode::invalid_data, "{}: files name each other too deeply", path);
   SPLATVOL_TRY_ASSIGN(names, known.names(path, header));
-  VtkFile composite{path, VtkFile::Kind::composite};
+  InputFile composite{path, {}};
   for (const auto& [name, block] : names) {
     const std::size_t before = composite.blocks.size();
     if (const Status added = append_file(name, composite.blocks, known, nesting + 1); !added) {
@@ -161,72 +161,46 @@ Status append_composite(const std::string& path, const FileHeader& header, std::
   return {};
 }
 
-Status append_xml(const std::string& path, const FileHeader& header, std::vector<VtkFile>& files, KnownFiles& /*known*/,
-                  int /*nesting*/) {
-  SPLATVOL_TRY_ASSIGN(file, identify_xml(path, header));
-  files.push_back(file);
-  return {};
+/// Lists the arrays of a file that is one data set.
+template <Result<std::vector<ArrayShape>> (*list)(const std::string& path)>
+Result<ArraysOfParts> list_arrays_of(const InputFile& file) {
+  SPLATVOL_TRY_ASSIGN(arrays, list(file.path));
+  return ArraysOfParts(1, std::move(arrays));
 }
 
-Status append_legacy(const std::string& path, const FileHeader& header, std::vector<VtkFile>& files,
-                     KnownFiles& /*known*/, int /*nesting*/) {
-  if (newer_than(header, 5, 1)) return fail_version(path, header, "5.1");
-  files.push_back({path, VtkFile::Kind::legacy});
-  return {};
-}
-
-template <VtkFile::Kind kind>
-Status append_as(const std::string& path, const FileHeader& /*header*/, std::vector<VtkFile>& files,
-                 KnownFiles& /*known*/, int /*nesting*/) {
-  files.push_back({path, kind});
-  return {};
-}
-
-Status refuse_series(const std::string& path, const FileHeader& /*header*/, std::vector<VtkFile>& /*files*/,
-                     KnownFiles& /*known*/, int /*nesting*/) {
-  return fail(ErrorCode::invalid_argument, "{}: a series of files must be the only input", path);
-}
-
-Status refuse_among_meshes(const std::string& path, const FileHeader& header, std::vector<VtkFile>& /*files*/,
-                           KnownFiles& /*known*/, int /*nesting*/) {
-  return fail(ErrorCode::invalid_argument, "{}: a file of {} among meshes", path, name_of(*header.format));
-}
-
-struct Opener {
-  InputFormat format;
-  Append* append;
-};
-constexpr std::array<Opener, input_format_count> openers = {{
-    {InputFormat::vtk_xml, append_xml},
-    {InputFormat::vtk_parallel, append_pieces},
-    {InputFormat::vtk_legacy, append_legacy},
-    {InputFormat::vtk_blocks, append_composite},
-    {InputFormat::vtk_series, refuse_series},
-    {InputFormat::vtkhdf, append_as<VtkFile::Kind::vtkhdf>},
-    {InputFormat::plot3d, refuse_among_meshes},
-    {InputFormat::exodus, append_as<VtkFile::Kind::exodus>},
-    {InputFormat::cgns, append_as<VtkFile::Kind::cgns>},
-    {InputFormat::ensight, append_as<VtkFile::Kind::ensight>},
-    {InputFormat::openfoam, append_as<VtkFile::Kind::openfoam>},
-    {InputFormat::gmsh, append_as<VtkFile::Kind::gmsh>},
-    {InputFormat::su2, append_as<VtkFile::Kind::su2>},
-    {InputFormat::openvdb, refuse_among_meshes},
-    {InputFormat::numpy, refuse_among_meshes},
-    {InputFormat::table, refuse_among_meshes},
+/// The formats whose files are read each by itself, but XML.
+constexpr std::array<std::pair<InputFormat, FileReader>, 8> readers = {{
+    {InputFormat::vtk_legacy, {open_legacy, list_arrays_of<legacy_arrays>}},
+    {InputFormat::vtkhdf, {open_vtkhdf}},
+    {InputFormat::exodus, {open_exodus}},
+    {InputFormat::cgns, {open_cgns}},
+    {InputFormat::ensight, {open_ensight, list_arrays_of<ensight_arrays>}},
+    {InputFormat::openfoam, {open_openfoam}},
+    {InputFormat::gmsh, {open_gmsh, list_gmsh_arrays}},
+    {InputFormat::su2, {open_su2, list_su2_arrays}},
 }};
-static_assert([] {
-  for (std::size_t i = 0; i < openers.size(); ++i)
-    if (static_cast<std::size_t>(openers[i].format) != i) return false;
-  return true;
-}());
 
-Status append_file(const std::string& path, std::vector<VtkFile>& files, KnownFiles& known, int nesting) {
+Status append_file(const std::string& path, std::vector<InputFile>& files, KnownFiles& known, int nesting) {
   SPLATVOL_TRY_ASSIGN(header, known.header(path));
   if (!header.format && is_foreign(path)) return fail(ErrorCode::unsupported, "{}: {}", path, way_out(path));
   if (!header.format)
     return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
                 path);
-  return openers[static_cast<std::size_t>(*header.format)].append(path, header, files, known, nesting);
+  if (header.format == InputFormat::vtk_parallel) return append_pieces(path, header, files, known);
+  if (header.format == InputFormat::vtk_blocks) return append_composite(path, header, files, known, nesting);
+  if (header.format == InputFormat::vtk_series)
+    return fail(ErrorCode::invalid_argument, "{}: a series of files must be the only input", path);
+  if (header.format == InputFormat::vtk_xml) {
+    SPLATVOL_TRY_ASSIGN(file, identify_xml(path, header));
+    files.push_back(std::move(file));
+    return {};
+  }
+  if (header.format == InputFormat::vtk_legacy && newer_than(header, 5, 1)) return fail_version(path, header, "5.1");
+  const auto* row = std::ranges::find(readers, *header.format, &std::pair<InputFormat, FileReader>::first);
+  if (row == readers.end())
+    return fail(ErrorCode::invalid_argument, "{}: a file of {} among meshes", path, name_of(*header.format));
+  files.push_back({path, row->second});
+  return {};
 }
 
 /// Files that a list names, each once.
@@ -242,9 +216,9 @@ class ListedFiles {
   }
 
   /// Leaves out files and blocks that were named before.
-  void keep_new(std::vector<VtkFile>& files) {
-    std::erase_if(files, [&](VtkFile& file) {
-      if (file.kind != VtkFile::Kind::composite) return !add(file.path);
+  void keep_new(std::vector<InputFile>& files) {
+    std::erase_if(files, [&](InputFile& file) {
+      if (!file.is_composite()) return !add(file.path);
       keep_new(file.blocks);
       return file.blocks.empty();
     });
@@ -268,20 +242,20 @@ class ListedFiles {
   std::set<std::string> seen_, twice_;
 };
 
-std::string normal_path(const VtkFile& file) { return std::filesystem::path(file.path).lexically_normal().string(); }
+std::string normal_path(const InputFile& file) { return std::filesystem::path(file.path).lexically_normal().string(); }
 
-void collect_blocks(const VtkFile& file, std::set<std::string>& paths) {
-  for (const VtkFile& block : file.blocks) {
+void collect_blocks(const InputFile& file, std::set<std::string>& paths) {
+  for (const InputFile& block : file.blocks) {
     paths.insert(normal_path(block));
     collect_blocks(block, paths);
   }
 }
 
 /// Drops repeated files: a folder may hold a .pvtu or .vtm and the files that it names.
-void drop_repeated(std::vector<VtkFile>& files) {
+void drop_repeated(std::vector<InputFile>& files) {
   std::set<std::string> seen;
-  for (const VtkFile& file : files) collect_blocks(file, seen);
-  std::erase_if(files, [&](const VtkFile& file) { return !seen.insert(normal_path(file)).second; });
+  for (const InputFile& file : files) collect_blocks(file, seen);
+  std::erase_if(files, [&](const InputFile& file) { return !seen.insert(normal_path(file)).second; });
 }
 
 Status check_count(const std::vector<std::string>& paths, KnownFiles& known) {
@@ -310,17 +284,17 @@ Result<std::optional<TimeStep>> expand_series(std::vector<std::string>& paths, c
   return step;
 }
 
-/// Files for VTK's readers, and the time step that they are.
-struct VtkInput {
-  std::vector<VtkFile> files;
+/// Files with data sets, and the time step that they are.
+struct Input {
+  std::vector<InputFile> files;
   std::optional<TimeStep> step;
-  VtkLists lists = {};
+  InputLists lists = {};
 };
 
 /// `paths`: `inputs` with the files of folders; `first`: the header of the first.
-Result<VtkInput> find_files(std::vector<std::string> paths, const std::vector<std::string>& inputs,
-                            const FileHeader& first, const SourceOptions& options) {
-  VtkInput input;
+Result<Input> find_files(std::vector<std::string> paths, const std::vector<std::string>& inputs,
+                         const FileHeader& first, const SourceOptions& options) {
+  Input input;
   KnownFiles known;
   SPLATVOL_TRY_ASSIGN(step, expand_series(paths, first, options.time, known));
   SPLATVOL_TRY(check_count(paths, known));
@@ -331,14 +305,14 @@ Result<VtkInput> find_files(std::vector<std::string> paths, const std::vector<st
     listed.tell(inputs[0], input.lists.notes);
   }
   for (std::size_t i = 0; i < paths.size(); ++i) {
-    std::vector<VtkFile> files;
+    std::vector<InputFile> files;
     SPLATVOL_TRY(append_file(paths[i], files, known));
     ListedFiles listed(known);
     listed.keep_new(files);
     listed.tell(paths[i], input.lists.notes);
     std::ranges::move(files, std::back_inserter(input.files));
     // A .csv behind an SU2 mesh holds its values.
-    if (input.files.back().kind == VtkFile::Kind::su2 && i + 1 < paths.size() &&
+    if (input.files.back().reader.open == open_su2 && i + 1 < paths.size() &&
         format_of_name(paths[i + 1]) == InputFormat::table)
       input.files.back().values = paths[++i];
   }
@@ -347,7 +321,7 @@ Result<VtkInput> find_files(std::vector<std::string> paths, const std::vector<st
   listed.keep_new(input.files);
   listed.tell("the inputs", input.lists.notes);
   if (input.files.empty()) return fail(ErrorCode::invalid_data, "{}: names no pieces", paths[0]);
-  for (VtkFile& file : input.files) file.patches = options.patches;
+  for (InputFile& file : input.files) file.patches = options.patches;
   input.lists.declared = known.take_declared();
   return input;
 }
@@ -369,7 +343,8 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
     return open_vdb_files(paths, options);
   }
   if (is_plot3d(first, paths[0])) {
-    if (paths.size() == 2) return open_plot3d(paths[0], paths[1], options);
+    if (paths.size() == 2)
+      return open_files({{.path = paths[0], .reader = {open_plot3d}, .values = paths[1]}}, options);
     return fail(
         ErrorCode::invalid_argument,
         "{}: its format is not known ('svbuild --help' lists those that are read); a table needs the names of its "
@@ -377,7 +352,7 @@ Result<std::unique_ptr<Source>> open_any(const std::vector<std::string>& inputs,
         paths[0]);
   }
   SPLATVOL_TRY_ASSIGN(input, find_files(std::move(paths), inputs, first, options));
-  return open_vtk_files(std::move(input.files), options, input.step, std::move(input.lists));
+  return open_files(std::move(input.files), options, input.step, std::move(input.lists));
 }
 
 }  // namespace
@@ -401,8 +376,9 @@ Result<std::optional<std::vector<ArrayShape>>> list_arrays(const std::vector<std
   }
   if (is_plot3d(first, paths[0])) return std::nullopt;
   SPLATVOL_TRY_ASSIGN(input, find_files(std::move(paths), inputs, first, options));
-  SPLATVOL_TRY_ASSIGN(arrays, list_vtk_arrays(input.files, options));
-  return std::optional(std::move(arrays));
+  ArrayUnion arrays;
+  SPLATVOL_TRY(read_files(input.files, options)->announce(arrays));
+  return std::optional(arrays.arrays());
 }
 
 }  // namespace splatvol

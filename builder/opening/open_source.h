@@ -16,10 +16,10 @@ namespace splatvol {
 /// - VTK files (.vtu, .pvtu, .vts, .vtr, .vti, .vtp, legacy .vtk); several are pieces of one data set.
 /// - Exodus, EnSight, OpenFOAM and CGNS files, known by their extensions; they count as VTK files, and their blocks are
 ///   pieces (builder/sources/vtk/blocks.h).
-/// - .npy files; several are one point set (builder/sources/npy_source.h).
-/// - .csv and .tsv files; several are one point set (builder/sources/csv_source.h).
+/// - .npy files; several are one point set (builder/sources/numpy/npy_source.h).
+/// - .csv and .tsv files; several are one point set (builder/sources/csv/csv_source.h).
 /// - a PLOT3D grid and its solution, as two paths in this order.
-/// - OpenVDB files (builder/sources/vdb_source.h).
+/// - OpenVDB files (builder/sources/openvdb/vdb_source.h).
 /// - "gen:..." for a generated input (builder/sources/generator.h).
 /// - a folder: an OpenFOAM case, or all files in it with known extensions. Their order is that of their names, with
 ///   numbers compared by size. Pieces that a .pvtu names are read once.

@@ -33,6 +33,11 @@ Status check_names(const std::string& part, std::span<const ArrayShape> arrays) 
 
 }  // namespace
 
+std::vector<ArrayShape> wanted_arrays(std::vector<ArrayShape> arrays, const std::vector<std::string>& selection) {
+  std::erase_if(arrays, [&](const ArrayShape& array) { return !wants_array(selection, array.name); });
+  return arrays;
+}
+
 /// The array that a part's array is, if there is one.
 std::optional<std::size_t> ArrayUnion::find(const ArrayShape& array, bool part_has_both) const {
   const auto of_name = numbers_.find(array.name);

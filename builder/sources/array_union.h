@@ -23,6 +23,10 @@ struct ArrayShape {
   std::string unit = {};              // if the input tells
 };
 
+/// Returns those arrays that a selection needs (wants_array).
+[[nodiscard]] std::vector<ArrayShape> wanted_arrays(std::vector<ArrayShape> arrays,
+                                                    const std::vector<std::string>& selection);
+
 /// The arrays that parts of an input have: its files, blocks, pieces or time steps. Arrays of one name are the same
 /// array. Only if a part has it at points and in cells are these two arrays. A part may have the one array at its
 /// points, and another part in its cells.

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "base/names.h"
-#include "builder/sources/data_set.h"
+#include "builder/sources/mesh_data.h"
 #include "builder/sources/piece_maker.h"
 
 namespace splatvol {
@@ -16,90 +16,6 @@ std::size_t size_of(const Numbers& numbers) {
 }
 
 bool is_single(const Numbers& numbers) { return std::holds_alternative<std::span<const float>>(numbers); }
-
-/// Some elements of an array: those from `first` on, of `components` numbers each.
-class Elements final : public NumberArray {
- public:
-  Elements(const Numbers& numbers, int components, std::size_t first = 0)
-      : numbers_(numbers), components_(components), first_(first) {}
-  [[nodiscard]] int components() const override { return components_; }
-
-  void read(int component, std::span<const std::uint32_t> elements, std::span<double> values) const override {
-    const auto stride = static_cast<std::size_t>(components_), offset = static_cast<std::size_t>(component);
-    std::visit(
-        [&](const auto& numbers) {
-          for (std::size_t i = 0; i < elements.size(); ++i)
-            values[i] = static_cast<double>(numbers[(first_ + elements[i]) * stride + offset]);
-        },
-        numbers_);
-  }
-
- private:
-  Numbers numbers_;
-  int components_;
-  std::size_t first_;
-};
-
-/// The whole mesh, or some of its points if it has no cells.
-class ArraysDataSet final : public DataSet {
- public:
-  ArraysDataSet(const MeshArrays& mesh, std::size_t first, std::size_t count)
-      : mesh_(mesh), first_(first), count_(count) {}
-
-  [[nodiscard]] std::uint64_t point_count() const override { return count_; }
-  [[nodiscard]] std::uint64_t cell_count() const override { return mesh_.types.size(); }
-
-  void read_points(std::span<dvec3> points) const override {
-    std::visit(
-        [&](const auto& numbers) {
-          for (std::size_t i = 0; i < points.size(); ++i) {
-            const auto* position = numbers.data() + 3 * (first_ + i);
-            points[i] = {position[0], position[1], position[2]};
-          }
-        },
-        mesh_.points);
-  }
-
-  [[nodiscard]] Status check_cells(const std::string& name) const override {
-    const auto& offsets = mesh_.offsets;
-    const bool fit = offsets.empty() || (offsets.front() >= 0 && std::ranges::is_sorted(offsets) &&
-                                         static_cast<std::uint64_t>(offsets.back()) <= mesh_.connectivity.size());
-    if (fit) return {};
-    return fail(ErrorCode::invalid_argument,
-                "{}: the offsets of the cells do not rise up to the {} numbers of the connectivity", name,
-                mesh_.connectivity.size());
-  }
-
-  [[nodiscard]] int cell_type(std::uint64_t cell) const override { return mesh_.types[cell]; }
-
-  void append_points(std::uint64_t cell, std::vector<std::int64_t>& points) const override {
-    const auto begin = mesh_.connectivity.begin();
-    points.insert(points.end(), begin + mesh_.offsets[cell], begin + mesh_.offsets[cell + 1]);
-  }
-
-  [[nodiscard]] std::int64_t face_stream_length() const override {
-    return static_cast<std::int64_t>(mesh_.faces.size());
-  }
-  [[nodiscard]] std::int64_t face_location(std::uint64_t cell) const override {
-    return cell < mesh_.face_locations.size() ? mesh_.face_locations[cell] : -1;
-  }
-  [[nodiscard]] std::int64_t face_number(std::int64_t at) const override {
-    return mesh_.faces[static_cast<std::size_t>(at)];
-  }
-
-  [[nodiscard]] Result<FoundArray> find_array(const std::string&, std::span<const ArrayAttribute> attributes,
-                                              std::size_t number) const override {
-    const ArrayAttribute& attribute = attributes[number];
-    const auto& arrays = attribute.of_cells ? mesh_.cell_values : mesh_.point_values;
-    const auto array = std::ranges::find(arrays, attribute.array, &ValueArray::name);
-    const std::size_t first = attribute.of_cells ? 0 : first_;
-    return FoundArray{std::make_shared<Elements>(array->values, array->components, first), attribute.of_cells};
-  }
-
- private:
-  const MeshArrays& mesh_;
-  std::size_t first_, count_;
-};
 
 class ArraysSource final : public Source {
  public:
@@ -152,8 +68,8 @@ class ArraysSource final : public Source {
     if (next_point_ == points()) return std::unique_ptr<Piece>();
     const std::size_t first = next_point_;
     next_point_ = has_cells() ? points() : std::min(points(), first + max_piece_points);
-    const ArraysDataSet data(mesh_, first, next_point_ - first);
-    SPLATVOL_TRY_ASSIGN(piece, make_piece(name_, data, attributes_, cells_, missing_, {}, lends_, whole_cells_));
+    const MeshDataSet data(mesh_, first, next_point_ - first);
+    SPLATVOL_TRY_ASSIGN(piece, make_piece(name_, data, attributes_, cells_, missing_, lends_, whole_cells_));
     if (has_cells() && cells_ == CellValues::own && piece->points.empty())
       return fail(ErrorCode::invalid_data, "{}: no cells with a volume, which cells of their own need", name_);
     return piece;

@@ -2,15 +2,19 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
 #include "base/error.h"
 #include "base/math.h"
 #include "builder/sources/array_attributes.h"
+#include "builder/sources/array_union.h"
+#include "builder/sources/reader_error.h"
 
 namespace splatvol {
 
@@ -20,11 +24,14 @@ class NumberArray {
   virtual ~NumberArray() = default;
   [[nodiscard]] virtual int components() const = 0;
 
+  /// Number of its elements: points or cells.
+  [[nodiscard]] virtual std::uint64_t size() const = 0;
+
   /// Reads one component, an element for each index. Requires indices in range.
   virtual void read(int component, std::span<const std::uint32_t> elements, std::span<double> values) const = 0;
 };
 
-/// The array of an attribute, and whether it is one of the cells. It may outlive the data set.
+/// The array of an attribute, and whether it is one of the cells. It may outlive the data set. Null: there is none.
 struct FoundArray {
   std::shared_ptr<const NumberArray> array;
   bool of_cells = false;
@@ -71,8 +78,9 @@ class DataSet {
   [[nodiscard]] virtual std::span<const std::uint8_t> cell_ghosts() const { return {}; }
   [[nodiscard]] virtual std::span<const std::uint8_t> point_ghosts() const { return {}; }
 
-  /// Whether a cell of the type "empty" is a blanked one.
-  [[nodiscard]] virtual bool blanks_cells() const { return false; }
+  /// Whether its points are a grid. A cell of the type "empty" is a blanked one then. The axes may be left-handed:
+  /// coordinates that descend, a mirror in a matrix of directions.
+  [[nodiscard]] virtual bool is_structured() const { return false; }
 
   /// Counts of cells, for a data set that can only have cells without volume; they are not read then.
   struct FlatCells {
@@ -91,10 +99,38 @@ class DataSet {
     return {};
   }
 
-  /// Finds the array of attribute `number`. Fails if there is none, or if it is too short; `name` begins the message.
-  [[nodiscard]] virtual Result<FoundArray> find_array(const std::string& name,
-                                                      std::span<const ArrayAttribute> attributes,
-                                                      std::size_t number) const = 0;
+  /// Lists the arrays that give attributes, with their units as far as the data set tells. Texts, ghost flags and ids
+  /// give none.
+  [[nodiscard]] virtual std::vector<ArrayShape> arrays() const = 0;
+
+  /// Returns the array of a name, of the cells or of the points; none if it is not there, null if it holds no numbers.
+  [[nodiscard]] virtual std::optional<std::shared_ptr<const NumberArray>> array(const std::string& name,
+                                                                                bool of_cells) const = 0;
+
+  /// Adds an array with a number for each cell.
+  virtual void add_cell_values(const std::string& name, std::vector<double> values) = 0;
+
+  /// Changes means of cells at its points. A point that belongs to other data sets of the same mesh, too, gets the mean
+  /// over the cells of all. `means`: those of a component, of the cells of this data set.
+  virtual void share_means(const std::string& /*array*/, int /*component*/, std::span<double> /*means*/) const {}
+
+  /// The time that it states.
+  [[nodiscard]] virtual std::optional<double> stated_time() const { return std::nullopt; }
+
+  /// Runs a `call` that uses the data set. An error that its library reports, or an exception, becomes an Error that
+  /// begins with `path`.
+  [[nodiscard]] virtual Status guard(const std::string& path, const std::function<void()>& call) const {
+    return run_reader(path, call);
+  }
 };
+
+/// Finds the array of an attribute. If the data set does not have it, takes one of the same name that belongs to the
+/// other of points and cells, unless this is another attribute (ArrayAttribute::has_twin). Fails if the array holds no
+/// numbers, has another number of components, or is too short; `path` begins the message.
+[[nodiscard]] Result<FoundArray> find_array(const std::string& path, const DataSet& data,
+                                            const ArrayAttribute& attribute);
+
+/// Returns one component of the first elements of an array. Requires that it has so many.
+[[nodiscard]] std::vector<double> component_values(const NumberArray& array, int component, std::uint64_t count);
 
 }  // namespace splatvol

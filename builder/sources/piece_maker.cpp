@@ -31,6 +31,7 @@ std::optional<std::vector<std::uint32_t>> linear_cells(const DataSet& data, cons
 class CellVolumes final : public NumberArray {
  public:
   [[nodiscard]] int components() const override { return 1; }
+  [[nodiscard]] std::uint64_t size() const override { return volumes.size(); }
   void read(int /*component*/, std::span<const std::uint32_t> elements, std::span<double> values) const override {
     std::ranges::transform(elements, values.begin(), [&](std::uint32_t cell) { return volumes[cell]; });
   }
@@ -38,17 +39,30 @@ class CellVolumes final : public NumberArray {
   std::vector<double> volumes;
 };
 
+/// Stands for an array that a data set does not have.
+class NoArray final : public NumberArray {
+ public:
+  explicit NoArray(int components) : components_(components) {}
+  [[nodiscard]] int components() const override { return components_; }
+  [[nodiscard]] std::uint64_t size() const override { return 0; }
+  void read(int /*component*/, std::span<const std::uint32_t> /*elements*/, std::span<double> values) const override {
+    std::ranges::fill(values, missing_value);
+  }
+
+ private:
+  int components_;
+};
+
 /// Makes one piece of one data set.
 class PieceMaker {
  public:
   PieceMaker(const std::string& name, const DataSet& data, std::span<const ArrayAttribute> attributes, CellValues cells,
-             const MissingValues& missing, const ChangeMeans& change_means, bool lend, bool whole_cells)
+             const MissingValues& missing, bool lend, bool whole_cells)
       : name_(name),
         data_(data),
         attributes_(attributes),
         own_cells_(cells == CellValues::own),
         missing_(missing),
-        change_means_(change_means),
         lends_(lend),
         whole_cells_(whole_cells) {}
 
@@ -66,6 +80,9 @@ class PieceMaker {
       read_values_of_points();
     }
     piece_->lent = std::move(lent_);
+    // The cells of a grid are inverted if they turn the other way than most of them.
+    CellCensus& census = piece_->census;
+    if (data_.is_structured() && census.inverted > census.upright) std::swap(census.inverted, census.upright);
     return std::move(piece_);
   }
 
@@ -103,8 +120,8 @@ class PieceMaker {
 
   /// Finds the array of each attribute, and whether the volumes of the cells are needed.
   Status find_arrays() {
-    for (std::size_t a = 0; a < attributes_.size(); ++a) {
-      SPLATVOL_TRY_ASSIGN(found, find_array(a));
+    for (const ArrayAttribute& attribute : attributes_) {
+      SPLATVOL_TRY_ASSIGN(found, find_array(attribute));
       averages_ = averages_ || (found.of_cells && !own_cells_);
       arrays_.push_back(std::move(found));
     }
@@ -115,10 +132,14 @@ class PieceMaker {
     return {};
   }
 
-  Result<FoundArray> find_array(std::size_t attribute) {
-    if (!attributes_[attribute].is_volume) return data_.find_array(name_, attributes_, attribute);
-    cell_volumes_ = std::make_shared<CellVolumes>();
-    return FoundArray{cell_volumes_, true};
+  Result<FoundArray> find_array(const ArrayAttribute& attribute) {
+    if (attribute.is_volume) {
+      cell_volumes_ = std::make_shared<CellVolumes>();
+      return FoundArray{cell_volumes_, true};
+    }
+    SPLATVOL_TRY_ASSIGN(found, splatvol::find_array(name_, data_, attribute));
+    // Missing values are the same of points and of cells: nothing needs to be averaged.
+    return found.array ? found : FoundArray{std::make_shared<NoArray>(attribute.components), own_cells_};
   }
 
   Status read_cells() {
@@ -167,7 +188,7 @@ class PieceMaker {
 
     CellCensus& census = piece_->census;
     constexpr int empty_cell = 0;
-    const bool hidden = is_hidden(cell, *kind) || (data_.blanks_cells() && type == empty_cell);
+    const bool hidden = is_hidden(cell, *kind) || (data_.is_structured() && type == empty_cell);
     mark_points(*kind, hidden ? by_hidden_cells : by_visible_cells);
     if (hidden) {
       ++census.hidden;
@@ -344,7 +365,7 @@ class PieceMaker {
       add_values(attribute_values(attributes_[a], [&](int component) {
         if (!found.of_cells) return read_component(found, component, kept_);
         std::vector<double> means = averages->means(read_component(found, component, all));
-        if (change_means_) change_means_(attributes_[a].array, component, means);
+        data_.share_means(attributes_[a].array, component, means);
         std::vector<double> of_kept(kept_.size());
         std::ranges::transform(kept_, of_kept.begin(), [&](std::uint32_t point) { return means[point]; });
         return of_kept;
@@ -427,7 +448,6 @@ class PieceMaker {
   std::span<const ArrayAttribute> attributes_;
   bool own_cells_;
   const MissingValues& missing_;
-  const ChangeMeans& change_means_;
   bool lends_;  // values
   bool whole_cells_;
   std::span<const std::uint8_t> cell_ghosts_;
@@ -453,13 +473,12 @@ class PieceMaker {
 
 Result<std::unique_ptr<Piece>> make_piece(const std::string& name, const DataSet& data,
                                           std::span<const ArrayAttribute> attributes, CellValues cells,
-                                          const MissingValues& missing, const ChangeMeans& change_means, bool lend,
-                                          bool whole_cells) {
-  return PieceMaker(name, data, attributes, cells, missing, change_means, lend, whole_cells).make();
+                                          const MissingValues& missing, bool lend, bool whole_cells) {
+  return PieceMaker(name, data, attributes, cells, missing, lend, whole_cells).make();
 }
 
 Result<CellAverages> make_averages(const std::string& name, const DataSet& data) {
-  return PieceMaker(name, data, {}, CellValues::averaged, {}, {}, false, false).make_averages();
+  return PieceMaker(name, data, {}, CellValues::averaged, {}, false, false).make_averages();
 }
 
 }  // namespace splatvol

@@ -43,4 +43,11 @@ std::uint64_t number_in(std::string_view bytes, bool big_endian) {
   return number;
 }
 
+tl::unexpected<Error> fail_byte_order_mark(const std::string& path) {
+  return fail(ErrorCode::invalid_data,
+              "{}: a byte order mark stands in front of the text, and VTK's reader takes it for a word: remove it by "
+              "sed '1s/^\\xef\\xbb\\xbf//' {} > OUT",
+              path, path);
+}
+
 }  // namespace splatvol

@@ -30,6 +30,9 @@ inline constexpr std::string_view byte_order_mark = "\xef\xbb\xbf";
   return text;
 }
 
+/// The error of a text with a byte order mark, where a reader of VTK's would take the mark for a word.
+[[nodiscard]] tl::unexpected<Error> fail_byte_order_mark(const std::string& path);
+
 [[nodiscard]] bool is_white_space(char c);
 
 /// Returns a text without the white space round it.

@@ -1,7 +1,11 @@
-// The error of our own readers.
+// Errors of readers that throw.
 #pragma once
 
+#include <exception>
+#include <functional>
+#include <optional>
 #include <stdexcept>
+#include <string>
 
 #include "base/error.h"
 
@@ -15,5 +19,11 @@ class ReaderError : public std::runtime_error {
       : std::runtime_error(
             formatted_failure(ErrorCode::invalid_data, text, fmt::make_format_args(args...)).value().message) {}
 };
+
+/// Says what a ReaderError does, or a lack of memory; empty for other exceptions.
+[[nodiscard]] std::optional<std::string> describe_exception(const std::exception& exception);
+
+/// Runs `call`. An exception becomes an Error of one line that begins with `path`.
+[[nodiscard]] Status run_reader(const std::string& path, const std::function<void()>& call);
 
 }  // namespace splatvol

@@ -14,9 +14,9 @@
 #include <tuple>
 
 #include "base/file.h"
+#include "builder/opening/formats.h"
 #include "builder/opening/input_files.h"
-#include "builder/sources/formats.h"
-#include "builder/sources/npy_header.h"
+#include "builder/sources/numpy/npy_header.h"
 #include "builder/sources/vtk/writer.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/builder/sources/vtk_text.h"

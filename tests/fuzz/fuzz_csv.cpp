@@ -1,7 +1,7 @@
 // Scattered points from a .csv file: its heading, and all of its lines.
 #include "base/file.h"
-#include "builder/sources/csv_source.h"
-#include "builder/sources/csv_table.h"
+#include "builder/sources/csv/csv_source.h"
+#include "builder/sources/csv/csv_table.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/read_source.h"
 #include "tests/support/memory_source.h"

@@ -4,13 +4,13 @@
 #include <string_view>
 
 #include "base/file.h"
-#include "builder/sources/vtk/ensight_case.h"
-#include "builder/sources/vtk/ensight_checks.h"
-#include "builder/sources/vtk/finer_numbers.h"
-#include "builder/sources/vtk/gltf_checks.h"
-#include "builder/sources/vtk/netcdf_checks.h"
-#include "builder/sources/vtk/plot3d_format.h"
-#include "builder/sources/vtk/surface_checks.h"
+#include "builder/sources/ensight/ensight_case.h"
+#include "builder/sources/ensight/ensight_checks.h"
+#include "builder/sources/ensight/finer_numbers.h"
+#include "builder/sources/hdf5/netcdf_checks.h"
+#include "builder/sources/plot3d/plot3d_format.h"
+#include "builder/sources/surfaces/gltf_checks.h"
+#include "builder/sources/surfaces/surface_checks.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/support/memory_source.h"
 

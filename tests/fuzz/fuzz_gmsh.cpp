@@ -1,5 +1,5 @@
 // A .msh file of Gmsh.
-#include "builder/sources/vtk/gmsh_file.h"
+#include "builder/sources/gmsh/gmsh_file.h"
 #include "tests/fuzz/fuzz.h"
 
 using namespace splatvol;

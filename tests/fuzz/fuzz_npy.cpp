@@ -1,7 +1,7 @@
 // Scattered points from a .npy file: its header, and all of its rows.
 #include "base/file.h"
-#include "builder/sources/npy_header.h"
-#include "builder/sources/npy_source.h"
+#include "builder/sources/numpy/npy_header.h"
+#include "builder/sources/numpy/npy_source.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/read_source.h"
 #include "tests/support/memory_source.h"

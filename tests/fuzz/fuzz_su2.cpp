@@ -1,8 +1,5 @@
 // A mesh of SU2, and behind a byte 0 the .csv file with its values.
-#include <vtkDataSet.h>
-#include <vtkSmartPointer.h>
-
-#include "builder/sources/vtk/su2_reader.h"
+#include "builder/sources/su2/su2_reader.h"
 #include "tests/fuzz/fuzz.h"
 
 using namespace splatvol;
@@ -11,9 +8,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto bytes = fuzz::bytes_of(data, size);
   const auto cut = static_cast<std::size_t>(std::ranges::find(bytes, std::byte{0}) - bytes.begin());
   const fuzz::NamedBytes mesh(bytes.first(cut)), values(bytes.subspan(std::min(bytes.size(), cut + 1)));
-  VtkFile file{mesh.path(), VtkFile::Kind::su2};
-  file.values = values.path();
-  file.patches = true;
+  const InputFile file{.path = mesh.path(), .values = values.path(), .patches = true};
   const auto sets = open_su2(file, {});
   if (sets) fuzz::require_ok((*sets)->next(), "a mesh that was read is there");
   return 0;

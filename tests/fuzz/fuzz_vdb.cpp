@@ -10,8 +10,8 @@
 #include <sstream>
 
 #include "base/vdb_grid.h"
-#include "builder/sources/vdb_library.h"
-#include "builder/sources/vdb_source.h"
+#include "builder/sources/openvdb/vdb_library.h"
+#include "builder/sources/openvdb/vdb_source.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/read_source.h"
 

@@ -1,6 +1,6 @@
 // The check of an OpenVDB file that comes before OpenVDB's reader.
 #include "base/file.h"
-#include "builder/sources/vdb_header.h"
+#include "builder/sources/openvdb/vdb_header.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/support/memory_source.h"
 

@@ -56,8 +56,8 @@ class ReaderProcess {
   [[nodiscard]] Result<std::optional<std::vector<ArrayShape>>> list_arrays(const std::vector<std::string>& inputs,
                                                                            const SourceOptions& options);
 
-  /// Reads the triangles of a file. Contract as read_surface_file (builder/sources/vtk/surface_file.h). Fails too if
-  /// the process crashes, needs more memory, or does not get on.
+  /// Reads the triangles of a file. Contract as read_surface_file (builder/sources/surfaces/surface_file.h). Fails too
+  /// if the process crashes, needs more memory, or does not get on.
   [[nodiscard]] Result<TriangleMesh> read_surface(const std::string& path);
 
   /// What was read for all sources so far. Empty where the system cannot tell.

@@ -1,4 +1,4 @@
-// Readers of files with blocks and time steps, most of them VTK's, behind one interface.
+// VTK's readers of files with blocks and time steps, behind one interface.
 #pragma once
 
 #include <memory>
@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "builder/sources/vtk/attributes.h"
-#include "builder/sources/vtk/data_sets.h"
+#include "builder/sources/data_sets.h"
+#include "builder/sources/vtk/data_set.h"
 
 class vtkAlgorithm;
 class vtkMultiBlockDataSet;
@@ -26,10 +26,10 @@ class BlockReader {
   /// a file is damaged. Not inside run_vtk. Safe on untrusted bytes.
   virtual Status check(const std::string& /*path*/, const SourceOptions& /*options*/) { return {}; }
 
-  /// Opens a file. Returns VTK's reader; null if it is one of our own, which has times() and output().
+  /// Opens a file. Returns VTK's reader; null if it has no pipeline: then there are times() and output().
   virtual vtkMultiBlockDataSetAlgorithm* open(const std::string& path) = 0;
 
-  /// The last blocks that one of our own readers has read.
+  /// The blocks that were read last, without a pipeline.
   virtual vtkMultiBlockDataSet* output() { return nullptr; }
 
   /// Chooses arrays and blocks, after the file's header has been read.
@@ -44,18 +44,18 @@ class BlockReader {
   /// Lets read() bring the patches along too, as surfaces. Called before select().
   virtual void want_patches() {}
 
-  /// Lets read() round points by less than matters, as SourceOptions::may_round. Called before select().
-  virtual void allow_rounding() {}
-
   /// The name of the patch that a surface is; `path`: the names of the blocks that it lies in, and its own. Empty: the
   /// surface is none.
   [[nodiscard]] virtual std::string patch_name(const std::vector<std::string>& path) const { return path.back(); }
+
+  /// The word for such a block.
+  [[nodiscard]] virtual std::string block_word() const { return "block"; }
 
   /// The name of the block that a data set is, or is a part of: the same in each file, step and portion that has a part
   /// of it. `path`: as for patch_name().
   [[nodiscard]] virtual std::string block_name(const std::vector<std::string>& path) const;
 
-  /// As VtkDataSets::declared(), for a data set of the output.
+  /// As DataSets::declared(), for a data set of the output.
   [[nodiscard]] virtual DeclaredArrays declared(vtkDataSet& /*data*/) { return {}; }
 
   /// Returns patches that are no surfaces of the output, once.
@@ -68,22 +68,16 @@ class BlockReader {
   /// The times of the steps, if it is not VTK's reader that finds them.
   virtual std::vector<double> times() const { return {}; }
 
-  /// The unit of an array that has been read; empty if the file does not tell.
-  virtual std::string unit(const std::string& /*array*/) const { return {}; }
-
-  /// Whether the portions are parts of one mesh: points that several of them have are the same points.
-  virtual bool portions_share_points() const { return false; }
-
   /// Whether read() rounds points to single precision, though the file may have more digits.
   virtual bool rounds_points() const { return false; }
 
   /// Whether the file has more digits. Reads its points.
   virtual bool has_finer_points(std::optional<double> /*time*/) { return false; }
 
-  /// As VtkDataSets::notes().
+  /// As DataSets::notes().
   [[nodiscard]] virtual std::set<std::string> notes() const { return {}; }
 
-  /// As VtkDataSets::left_out_arrays().
+  /// As DataSets::left_out_arrays().
   [[nodiscard]] virtual std::set<std::string> left_out_arrays() const { return {}; }
 
   /// Number of portions. A portion is read at once: a block, or the whole file.
@@ -96,9 +90,10 @@ class BlockReader {
 /// Lets VTK's reader read one of `pieces` pieces, at a time if there is one.
 void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pieces);
 
-[[nodiscard]] std::unique_ptr<BlockReader> make_cgns_reader();
-[[nodiscard]] std::unique_ptr<BlockReader> make_ensight_reader();
-[[nodiscard]] std::unique_ptr<BlockReader> make_exodus_reader();
-[[nodiscard]] std::unique_ptr<BlockReader> make_openfoam_reader();
+/// Opens a file of several blocks and time steps. Every block with points is a data set, except surfaces: blocks that
+/// have cells with an area, and none with a volume. Each portion is read by the next() that returns its first block.
+/// Fails if the file cannot be read.
+[[nodiscard]] Result<std::unique_ptr<DataSets>> open_blocks(const InputFile& file, const SourceOptions& options,
+                                                            std::unique_ptr<BlockReader> reader);
 
 }  // namespace splatvol

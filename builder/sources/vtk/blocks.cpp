@@ -1,8 +1,6 @@
-#include "builder/sources/vtk/blocks.h"
+#include "builder/sources/vtk/block_reader.h"
 
-#include <vtkCellData.h>
 #include <vtkCompositeDataIterator.h>
-#include <vtkDataArray.h>
 #include <vtkDataSet.h>
 #include <vtkInformation.h>
 #include <vtkMultiBlockDataSet.h>
@@ -16,14 +14,11 @@
 #include <utility>
 
 #include "builder/sources/block_numbers.h"
+#include "builder/sources/cell_counts.h"
+#include "builder/sources/patch.h"
 #include "builder/sources/time_steps.h"
-#include "builder/sources/vtk/attributes.h"
-#include "builder/sources/vtk/block_reader.h"
-#include "builder/sources/vtk/cell_counts.h"
+#include "builder/sources/vtk/data_set.h"
 #include "builder/sources/vtk/messages.h"
-#include "builder/sources/vtk/patch.h"
-#include "builder/sources/vtk/piece.h"
-#include "builder/sources/vtk/shared_points.h"
 
 namespace splatvol {
 namespace {
@@ -36,38 +31,21 @@ std::vector<double> times_of(vtkAlgorithm& algorithm) {
   return count > 0 ? std::vector<double>(first, first + count) : std::vector<double>();
 }
 
-/// Null for files of other kinds.
-std::unique_ptr<BlockReader> make_block_reader(VtkFile::Kind kind) {
-  switch (kind) {
-    case VtkFile::Kind::cgns:
-      return make_cgns_reader();
-    case VtkFile::Kind::ensight:
-      return make_ensight_reader();
-    case VtkFile::Kind::exodus:
-      return make_exodus_reader();
-    case VtkFile::Kind::openfoam:
-      return make_openfoam_reader();
-    default:
-      return nullptr;
-  }
-}
-
 std::optional<double> time_of(const std::optional<TimeStep>& step) {
   return step ? std::optional(step->time) : std::nullopt;
 }
 
 /// The blocks of one file.
-class BlockDataSets final : public VtkDataSets {
+class BlockDataSets final : public DataSets {
  public:
-  BlockDataSets(VtkFile file, const SourceOptions& options)
-      : file_(std::move(file)), options_(options), missing_(options.missing), reader_(make_block_reader(file_.kind)) {}
+  BlockDataSets(InputFile file, const SourceOptions& options, std::unique_ptr<BlockReader> reader)
+      : file_(std::move(file)), options_(options), reader_(std::move(reader)) {}
 
   Status open() {
     SPLATVOL_TRY(reader_->check(file_.path, options_));
     SPLATVOL_TRY(run_vtk(file_.path, [&] {
       algorithm_ = reader_->open(file_.path);
       if (file_.patches) reader_->want_patches();
-      if (options_.may_round) reader_->allow_rounding();
       if (algorithm_) algorithm_->UpdateInformation();
       reader_->select(options_.selection);
       const std::vector<double> times = reader_->times();
@@ -79,9 +57,9 @@ class BlockDataSets final : public VtkDataSets {
   Status announce(ArrayUnion& arrays) override {
     std::vector<ArrayShape> announced;
     SPLATVOL_TRY(run_vtk(file_.path, [&] { announced = reader_->arrays(time_of(step_)); }));
-    SPLATVOL_TRY(arrays.add(file_.path, wanted(std::move(announced))));
-    SPLATVOL_TRY(arrays.add(file_.path, shared_arrays_.arrays()));
-    for (const Block& block : blocks_) SPLATVOL_TRY(arrays.add(file_.path, wanted(array_shapes(*block.data))));
+    SPLATVOL_TRY(arrays.add(file_.path, wanted_arrays(std::move(announced), options_.selection)));
+    for (const Block& block : blocks_)
+      SPLATVOL_TRY(arrays.add(file_.path, wanted_arrays(block.data->arrays(), options_.selection)));
     return {};
   }
 
@@ -89,15 +67,14 @@ class BlockDataSets final : public VtkDataSets {
     return returned_ + blocks_.size() + static_cast<std::size_t>(std::max(0, reader_->portions() - portion_));
   }
   const std::string& path() const override { return file_.path; }
-  std::string unit(const std::string& array) const override { return reader_->unit(array); }
   std::optional<TimeStep> time_step() const override { return step_; }
   CellCensus left_out() const override { return left_out_; }
   std::set<std::string> notes() const override { return reader_->notes(); }
   std::set<std::string> left_out_arrays() const override { return reader_->left_out_arrays(); }
   std::uint64_t block() const override { return returned_block_.number; }
   DeclaredArrays declared() const override { return returned_block_.declared; }
-  std::size_t blocks() const override { return file_.kind == VtkFile::Kind::openfoam ? 1 : count(); }
-  std::string block_word() const override { return file_.kind == VtkFile::Kind::ensight ? "part" : "block"; }
+  std::size_t blocks() const override { return count(); }
+  std::string block_word() const override { return reader_->block_word(); }
   std::size_t block_in_file() const override {
     return blocks() == 1 ? 1 : reader_->portions() > 1 ? static_cast<std::size_t>(portion_) : returned_;
   }
@@ -107,22 +84,15 @@ class BlockDataSets final : public VtkDataSets {
     return changes;
   }
   std::vector<Patch> take_patches() override { return std::exchange(patches_, {}); }
-  bool averages_by_data_set() const override { return !reader_->portions_share_points(); }
   bool rounds_points() const override { return reader_->rounds_points(); }
   Result<bool> has_finer_points() override {
     if (!has_finer_points_)
       SPLATVOL_TRY(run_vtk(file_.path, [&] { has_finer_points_ = reader_->has_finer_points(time_of(step_)); }));
     return *has_finer_points_;
   }
-  void share_means(vtkDataSet& data, const std::string& array, int component, std::span<double> means) const override {
-    shared_.apply(data, returned_block_.name, array, component, means);
-  }
-
-  Result<vtkSmartPointer<vtkDataSet>> next() override {
-    if (portion_ == 0 && options_.cells == CellValues::averaged && reader_->portions_share_points())
-      SPLATVOL_TRY(share_points());
+  Result<std::unique_ptr<DataSet>> next() override {
     while (blocks_.empty() && portion_ < reader_->portions()) SPLATVOL_TRY(read_portion());
-    if (blocks_.empty()) return vtkSmartPointer<vtkDataSet>();
+    if (blocks_.empty()) return std::unique_ptr<DataSet>();
     returned_block_ = std::move(blocks_.front());
     blocks_.pop_front();
     ++returned_;
@@ -136,51 +106,10 @@ class BlockDataSets final : public VtkDataSets {
   }
 
   struct Block {
-    vtkSmartPointer<vtkDataSet> data;
-    std::string name;          // of the top block that holds it
+    std::unique_ptr<DataSet> data;
     std::uint64_t number = 0;  // as Piece::block
     DeclaredArrays declared = {};
   };
-
-  /// Reads all portions once, for the values at the points that several have.
-  Status share_points() {
-    for (int portion = 0; portion < reader_->portions(); ++portion) {
-      SPLATVOL_TRY(run_vtk(file_.path, [&] {
-        reader_->read(portion, time_of(step_));
-        if (auto* tree = output()) collect(*tree);
-      }));
-      for (const Block& block : blocks_) {
-        SPLATVOL_TRY(shared_arrays_.add(file_.path, wanted(array_shapes(*block.data))));
-        const std::vector<vtkDataArray*> arrays = arrays_of_cells(*block.data);
-        if (arrays.empty()) continue;
-        SPLATVOL_TRY_ASSIGN(averages, make_averages(file_.path, *block.data));
-        SPLATVOL_TRY(run_vtk(file_.path, [&] { shared_.add(*block.data, block.name, averages, arrays, missing_); }));
-      }
-      blocks_.clear();
-      patches_.clear();
-    }
-    left_out_ = {};
-    shared_.finish();
-    return {};
-  }
-
-  /// The whole arrays of cells that are selected.
-  [[nodiscard]] std::vector<vtkDataArray*> arrays_of_cells(vtkDataSet& data) const {
-    vtkDataSetAttributes& all = arrays_of(data, true);
-    std::vector<vtkDataArray*> arrays;
-    for (int i = 0; i < all.GetNumberOfArrays(); ++i) {
-      vtkDataArray* array = all.GetArray(i);
-      if (!array || !array->GetName() || array->GetNumberOfTuples() < data.GetNumberOfCells()) continue;
-      if (!is_bookkeeping(all, i, array->GetName()) && wants_array(options_.selection, array->GetName()))
-        arrays.push_back(array);
-    }
-    return arrays;
-  }
-
-  [[nodiscard]] std::vector<ArrayShape> wanted(std::vector<ArrayShape> shapes) const {
-    std::erase_if(shapes, [&](const ArrayShape& shape) { return !wants_array(options_.selection, shape.name); });
-    return shapes;
-  }
 
   /// Appends a portion's blocks to blocks_.
   Status read_portion() {
@@ -202,8 +131,8 @@ class BlockDataSets final : public VtkDataSets {
     for (entry->InitTraversal(); !entry->IsDoneWithTraversal(); entry->GoToNextItem()) {
       auto* data = vtkDataSet::SafeDownCast(entry->GetCurrentDataObject());
       if (!data || data->GetNumberOfPoints() == 0) continue;
-      if (is_surface(*data)) {
-        left_out_ += census_of(*data);
+      if (const auto surface = data_set_of(*data); is_surface(*surface)) {
+        left_out_ += census_of(*surface);
         if (file_.patches)
           add_patch(tree, *data);
         else
@@ -212,7 +141,7 @@ class BlockDataSets final : public VtkDataSets {
       }
       std::vector<std::string> path;
       const std::uint64_t number = numbers.next(find_path(tree, *data, path) ? reader_->block_name(path) : "");
-      blocks_.push_back({copy_sharing_arrays(*data), name_of_top(tree, *data), number, reader_->declared(*data)});
+      blocks_.push_back({data_set_sharing_arrays(*data), number, reader_->declared(*data)});
     }
   }
 
@@ -222,7 +151,7 @@ class BlockDataSets final : public VtkDataSets {
     const std::string name = reader_->patch_name(path);
     if (name.empty()) return;
     Patch patch{name, {}};
-    append_surface_cells(data, patch.mesh);
+    append_surface_cells(*data_set_of(data), patch.mesh);
     if (!patch.mesh.triangles.empty()) patches_.push_back(std::move(patch));
   }
 
@@ -243,13 +172,6 @@ class BlockDataSets final : public VtkDataSets {
     return false;
   }
 
-  /// The name of the top block that holds a data set: in OpenFOAM, its region.
-  static std::string name_of_top(vtkMultiBlockDataSet& tree, vtkDataSet& data) {
-    for (unsigned int i = 0; i < tree.GetNumberOfBlocks(); ++i)
-      if (const char* name = name_of(tree, i); name && contains(tree.GetBlock(i), data)) return name;
-    return {};
-  }
-
   static bool contains(vtkDataObject* object, vtkDataSet& data) {
     auto* tree = vtkMultiBlockDataSet::SafeDownCast(object);
     for (unsigned int i = 0; tree && i < tree->GetNumberOfBlocks(); ++i)
@@ -257,13 +179,11 @@ class BlockDataSets final : public VtkDataSets {
     return object == &data;
   }
 
-  VtkFile file_;
+  InputFile file_;
   SourceOptions options_;
-  MissingValues missing_;
   std::unique_ptr<BlockReader> reader_;
   vtkMultiBlockDataSetAlgorithm* algorithm_ = nullptr;  // of reader_; null: it is one of our own
   std::optional<TimeStep> step_;
-  ArrayUnion shared_arrays_;              // of portions that were read by share_points()
   std::optional<bool> has_finer_points_;  // once it is known
   int portion_ = 0;                       // the next to be read
   std::size_t returned_ = 0;
@@ -272,7 +192,6 @@ class BlockDataSets final : public VtkDataSets {
   std::deque<Block> blocks_;    // read and not returned yet
   Block returned_block_;        // the last one, without its data
   std::vector<Patch> patches_;  // read and not taken yet
-  SharedPoints shared_;
 };
 
 }  // namespace
@@ -287,8 +206,9 @@ void update(vtkAlgorithm& reader, std::optional<double> time, int piece, int pie
   time ? reader.UpdateTimeStep(*time, piece, pieces) : reader.UpdatePiece(piece, pieces, 0);
 }
 
-Result<std::unique_ptr<VtkDataSets>> open_blocks(const VtkFile& file, const SourceOptions& options) {
-  auto blocks = std::make_unique<BlockDataSets>(file, options);
+Result<std::unique_ptr<DataSets>> open_blocks(const InputFile& file, const SourceOptions& options,
+                                              std::unique_ptr<BlockReader> reader) {
+  auto blocks = std::make_unique<BlockDataSets>(file, options, std::move(reader));
   SPLATVOL_TRY(blocks->open());
   return blocks;
 }

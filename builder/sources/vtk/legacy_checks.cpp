@@ -17,8 +17,8 @@
 #include "base/printable.h"
 #include "builder/sources/array_attributes.h"
 #include "builder/sources/array_union.h"
+#include "builder/sources/file_words.h"
 #include "builder/sources/read_text.h"
-#include "builder/sources/vtk/file_words.h"
 
 namespace splatvol {
 namespace {

@@ -10,12 +10,11 @@
 
 #include <algorithm>
 #include <exception>
-#include <new>
 #include <sstream>
 #include <string_view>
 
 #include "base/printable.h"
-#include "builder/sources/vtk/attributes.h"
+#include "builder/sources/data_sets.h"
 
 namespace splatvol {
 namespace {
@@ -104,12 +103,9 @@ Status run_vtk(const std::string& path, const std::function<void()>& call) {
   try {
     call();
     failure = failure_of(*window, path);
-  } catch (const ReaderError& error) {
-    failure = error.what();
-  } catch (const std::bad_alloc&) {
-    failure = "not enough memory for what it states: the file is damaged, or must be written in pieces";
   } catch (const std::exception& exception) {
-    failure = describe_failure(exception.what(), path);
+    const auto known = describe_exception(exception);
+    failure = known ? *known : describe_failure(exception.what(), path);
   }
   vtkOutputWindow::SetInstance(usual);
   if (!failure.empty()) return fail(ErrorCode::invalid_data, "{}: {}", path, failure);

@@ -12,7 +12,7 @@
 #include <span>
 #include <utility>
 
-#include "builder/sources/vtk/reader.h"
+#include "builder/sources/vtk/xml_reader.h"
 
 namespace splatvol {
 namespace {

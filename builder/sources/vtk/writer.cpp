@@ -16,7 +16,6 @@
 #include <algorithm>
 
 #include "base/file.h"
-#include "builder/sources/vtk/data_sets.h"
 
 namespace splatvol {
 namespace {
@@ -29,7 +28,11 @@ vtkNew<vtkUnstructuredGrid> make_grid(std::span<const dvec3> points,
   for (const auto& [a, b, c, d] : tetrahedra) cells->InsertNextCell({a, b, c, d});
 
   vtkNew<vtkUnstructuredGrid> grid;
-  grid->SetPoints(make_points(points));
+  const vtkNew<vtkPoints> positions;
+  positions->SetDataTypeToDouble();
+  positions->SetNumberOfPoints(static_cast<vtkIdType>(points.size()));
+  for (std::size_t i = 0; i < points.size(); ++i) positions->SetPoint(static_cast<vtkIdType>(i), &points[i].x);
+  grid->SetPoints(positions);
   grid->SetCells(VTK_TETRA, cells);
   for (const PointArray& array : arrays) {
     const vtkNew<vtkFloatArray> values;

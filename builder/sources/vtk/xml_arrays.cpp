@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <string_view>
 
+#include "builder/sources/data_sets.h"
 #include "builder/sources/read_text.h"
-#include "builder/sources/vtk/attributes.h"
 #include "builder/sources/vtk/xml_file.h"
 
 namespace splatvol {

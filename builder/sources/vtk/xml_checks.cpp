@@ -21,9 +21,9 @@
 #include "base/memory_limit.h"
 #include "base/names.h"
 #include "builder/sources/array_attributes.h"
+#include "builder/sources/file_words.h"
 #include "builder/sources/read_text.h"
 #include "builder/sources/vtk/compression.h"
-#include "builder/sources/vtk/file_words.h"
 #include "builder/sources/vtk/xml_file.h"
 
 namespace splatvol {

@@ -6,7 +6,7 @@
 
 #include "builder/opening/input_files.h"
 #include "builder/opening/open_own.h"
-#include "builder/sources/csv_table.h"
+#include "builder/sources/csv/csv_table.h"
 #include "builder/sources/units.h"
 #include "tests/builder/sources/read_input.h"
 #include "tests/support/results.h"

@@ -1,5 +1,5 @@
 // Scattered points from .npy files.
-#include "builder/sources/npy_source.h"
+#include "builder/sources/numpy/npy_source.h"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -12,7 +12,7 @@
 
 #include "base/file.h"
 #include "builder/opening/open_own.h"
-#include "builder/sources/npy_header.h"
+#include "builder/sources/numpy/npy_header.h"
 #include "tests/support/memory_source.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"

@@ -1,5 +1,5 @@
 // Voxels from OpenVDB files: the expectations follow from each voxel's box and the linear field in it.
-#include "builder/sources/vdb_source.h"
+#include "builder/sources/openvdb/vdb_source.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -21,8 +21,8 @@
 #include "base/vdb_share.h"
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
-#include "builder/sources/vdb_header.h"
-#include "builder/sources/vdb_library.h"
+#include "builder/sources/openvdb/vdb_header.h"
+#include "builder/sources/openvdb/vdb_library.h"
 #include "format/volume.h"
 #include "tests/support/memory_source.h"
 #include "tests/support/results.h"

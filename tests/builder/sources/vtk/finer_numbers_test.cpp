@@ -1,4 +1,4 @@
-#include "builder/sources/vtk/finer_numbers.h"
+#include "builder/sources/ensight/finer_numbers.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
