@@ -4,10 +4,12 @@
 #include <set>
 #include <string_view>
 
+#include "builder/sources/data_sets_source.h"
 #include "builder/sources/openfoam/foam_case.h"
 #include "builder/sources/openfoam/foam_dimensions.h"
+#include "builder/sources/openfoam/openfoam_reader.h"
 #include "builder/sources/reader_error.h"
-#include "tests/fuzz/fuzz.h"
+#include "tests/fuzz/read_source.h"
 
 using namespace splatvol;
 
@@ -67,6 +69,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   } catch (const ReaderError&) {
     // The input is refused.
   }
+  const InputFile file{.path = folder + "/case.foam", .reader = {open_openfoam}, .patches = true};
+  fuzz::read_all(open_files({file}, {}));
   std::error_code ignored;
   std::filesystem::remove_all(folder, ignored);
   return 0;

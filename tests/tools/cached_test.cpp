@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/builder/sources/vtk/hdf5_arrays.h"
+#include "tests/builder/sources/hdf5/hdf5_arrays.h"
 #include "tests/support/child.h"
 #include "tests/support/openfoam_files.h"
 #include "tests/support/program_json.h"

@@ -19,7 +19,7 @@
 #include "builder/pipeline/build.h"
 #include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"
-#include "tests/builder/sources/vtk/exodus_mesh.h"
+#include "tests/builder/sources/exodus/exodus_mesh.h"
 #include "tests/builder/sources/vtk_text.h"
 #include "tests/builder/support/series_check.h"
 #include "tests/support/replaced.h"

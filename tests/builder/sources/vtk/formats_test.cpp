@@ -17,7 +17,7 @@
 #include "builder/sources/vtk/writer.h"
 #include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"
-#include "tests/builder/sources/vtk/hdf5_arrays.h"
+#include "tests/builder/sources/hdf5/hdf5_arrays.h"
 #include "tests/builder/sources/vtk_text.h"
 #include "tests/builder/support/series_check.h"
 #include "tests/support/replaced.h"

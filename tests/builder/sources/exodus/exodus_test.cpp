@@ -12,7 +12,7 @@
 #include "builder/pipeline/census_lines.h"
 #include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"
-#include "tests/builder/sources/vtk/exodus_mesh.h"
+#include "tests/builder/sources/exodus/exodus_mesh.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
