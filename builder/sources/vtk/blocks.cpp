@@ -90,6 +90,7 @@ class BlockDataSets final : public DataSets {
       SPLATVOL_TRY(run_vtk(file_.path, [&] { has_finer_points_ = reader_->has_finer_points(time_of(step_)); }));
     return *has_finer_points_;
   }
+
   Result<std::unique_ptr<DataSet>> next() override {
     while (blocks_.empty() && portion_ < reader_->portions()) SPLATVOL_TRY(read_portion());
     if (blocks_.empty()) return std::unique_ptr<DataSet>();
@@ -131,27 +132,26 @@ class BlockDataSets final : public DataSets {
     for (entry->InitTraversal(); !entry->IsDoneWithTraversal(); entry->GoToNextItem()) {
       auto* data = vtkDataSet::SafeDownCast(entry->GetCurrentDataObject());
       if (!data || data->GetNumberOfPoints() == 0) continue;
-      if (const auto surface = data_set_of(*data); is_surface(*surface)) {
-        left_out_ += census_of(*surface);
-        if (file_.patches)
-          add_patch(tree, *data);
-        else
-          left_out_.left_out += static_cast<std::uint64_t>(data->GetNumberOfCells());
+      auto block = data_set_sharing_arrays(*data);
+      std::vector<std::string> path;
+      const bool is_named = find_path(tree, *data, path);
+      if (!is_surface(*block)) {
+        const std::uint64_t number = numbers.next(is_named ? reader_->block_name(path) : "");
+        blocks_.push_back({std::move(block), number, reader_->declared(*data)});
         continue;
       }
-      std::vector<std::string> path;
-      const std::uint64_t number = numbers.next(find_path(tree, *data, path) ? reader_->block_name(path) : "");
-      blocks_.push_back({data_set_sharing_arrays(*data), number, reader_->declared(*data)});
+      left_out_ += census_of(*block);
+      if (!file_.patches)
+        left_out_.left_out += block->cell_count();
+      else if (is_named)
+        add_patch(reader_->patch_name(path), *block);
     }
   }
 
-  void add_patch(vtkMultiBlockDataSet& tree, vtkDataSet& data) {
-    std::vector<std::string> path;
-    if (!find_path(tree, data, path)) return;
-    const std::string name = reader_->patch_name(path);
+  void add_patch(const std::string& name, const DataSet& surface) {
     if (name.empty()) return;
     Patch patch{name, {}};
-    append_surface_cells(*data_set_of(data), patch.mesh);
+    append_surface_cells(surface, patch.mesh);
     if (!patch.mesh.triangles.empty()) patches_.push_back(std::move(patch));
   }
 
