@@ -13,8 +13,9 @@ namespace splatvol {
 namespace vtk_cell {
 inline constexpr int empty = 0, triangle = 5, triangle_strip = 6, polygon = 7, pixel = 8, quadrilateral = 9,
                      tetrahedron = 10, hexahedron = 12, wedge = 13, pyramid = 14, quadratic_triangle = 22,
-                     quadratic_quadrilateral = 23, biquadratic_quadrilateral = 28, quadratic_linear_quadrilateral = 30,
-                     biquadratic_triangle = 34, polyhedron = 42, lagrange_triangle = 69, lagrange_quadrilateral = 70;
+                     quadratic_quadrilateral = 23, biquadratic_quadrilateral = 28, triquadratic_hexahedron = 29,
+                     quadratic_linear_quadrilateral = 30, biquadratic_wedge = 32, biquadratic_triangle = 34,
+                     polyhedron = 42, lagrange_triangle = 69, lagrange_quadrilateral = 70;
 }  // namespace vtk_cell
 
 enum class CellRole {

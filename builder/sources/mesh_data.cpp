@@ -1,8 +1,10 @@
 #include "builder/sources/mesh_data.h"
 
 #include <algorithm>
+#include <string_view>
 #include <variant>
 
+#include "builder/mesh/cell_kinds.h"
 #include "builder/sources/data_sets.h"
 
 namespace splatvol {
@@ -90,6 +92,22 @@ std::int64_t MeshDataSet::face_location(std::uint64_t cell) const {
 }
 
 std::int64_t MeshDataSet::face_number(std::int64_t at) const { return view_.faces[static_cast<std::size_t>(at)]; }
+
+// In halves: a digit for each axis, in VTK's order.
+std::vector<dvec3> MeshDataSet::parametric_points(int type, std::size_t count) const {
+  constexpr std::string_view hexahedron =
+      "000200220020002202222022100210120010102212122012001201221021011211101121110112111";
+  constexpr std::string_view wedge = "000200020002202022100110010102112012001201021101111011";
+  const std::string_view digits = type == vtk_cell::triquadratic_hexahedron ? hexahedron
+                                  : type == vtk_cell::biquadratic_wedge     ? wedge
+                                                                            : std::string_view();
+  std::vector<dvec3> points;
+  for (std::size_t at = 0; digits.size() == 3 * count && at < digits.size(); at += 3) {
+    const auto half = [&](std::size_t axis) { return (digits[at + axis] - '0') / 2.0; };
+    points.emplace_back(half(0), half(1), half(2));
+  }
+  return points;
+}
 
 std::vector<ArrayShape> MeshDataSet::arrays() const {
   std::vector<ArrayShape> shapes;

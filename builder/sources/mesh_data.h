@@ -55,6 +55,7 @@ class MeshDataSet : public DataSet {
   [[nodiscard]] std::int64_t face_stream_length() const override;
   [[nodiscard]] std::int64_t face_location(std::uint64_t cell) const override;
   [[nodiscard]] std::int64_t face_number(std::int64_t at) const override;
+  [[nodiscard]] std::vector<dvec3> parametric_points(int type, std::size_t count) const override;
   [[nodiscard]] std::vector<ArrayShape> arrays() const override;
   [[nodiscard]] std::optional<std::shared_ptr<const NumberArray>> array(const std::string& name,
                                                                         bool of_cells) const override;
