@@ -85,14 +85,6 @@ void MeshDataSet::append_points(std::uint64_t cell, std::vector<std::int64_t>& p
   points.insert(points.end(), begin + view_.offsets[cell], begin + view_.offsets[cell + 1]);
 }
 
-std::int64_t MeshDataSet::face_stream_length() const { return static_cast<std::int64_t>(view_.faces.size()); }
-
-std::int64_t MeshDataSet::face_location(std::uint64_t cell) const {
-  return cell < view_.face_locations.size() ? view_.face_locations[cell] : -1;
-}
-
-std::int64_t MeshDataSet::face_number(std::int64_t at) const { return view_.faces[static_cast<std::size_t>(at)]; }
-
 // In halves: a digit for each axis, in VTK's order.
 std::vector<dvec3> MeshDataSet::parametric_points(int type, std::size_t count) const {
   constexpr std::string_view hexahedron =

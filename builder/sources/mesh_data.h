@@ -23,10 +23,11 @@ struct MeshData {
   std::vector<std::int64_t> faces, face_locations;  // empty: there are no polyhedra
   std::vector<std::pair<ArrayShape, std::vector<double>>> arrays;
 
-  /// Appends a cell that is no polyhedron.
-  void add_cell(int type, std::span<const std::int64_t> corners) {
+  /// Appends a cell with its points; those of a polyhedron in any order, besides its faces.
+  template <class Points>
+  void add_cell(int type, const Points& of_cell) {
     types.push_back(static_cast<std::uint8_t>(type));
-    connectivity.insert(connectivity.end(), corners.begin(), corners.end());
+    connectivity.insert(connectivity.end(), of_cell.begin(), of_cell.end());
     offsets.push_back(static_cast<std::int64_t>(connectivity.size()));
   }
 };
@@ -52,9 +53,15 @@ class MeshDataSet : public DataSet {
   [[nodiscard]] Status check_cells(const std::string& name) const override;
   [[nodiscard]] int cell_type(std::uint64_t cell) const override { return view_.types[cell]; }
   void append_points(std::uint64_t cell, std::vector<std::int64_t>& points) const override;
-  [[nodiscard]] std::int64_t face_stream_length() const override;
-  [[nodiscard]] std::int64_t face_location(std::uint64_t cell) const override;
-  [[nodiscard]] std::int64_t face_number(std::int64_t at) const override;
+  [[nodiscard]] std::int64_t face_stream_length() const override {
+    return static_cast<std::int64_t>(view_.faces.size());
+  }
+  [[nodiscard]] std::int64_t face_location(std::uint64_t cell) const override {
+    return cell < view_.face_locations.size() ? view_.face_locations[cell] : -1;
+  }
+  [[nodiscard]] std::int64_t face_number(std::int64_t at) const override {
+    return view_.faces[static_cast<std::size_t>(at)];
+  }
   [[nodiscard]] std::vector<dvec3> parametric_points(int type, std::size_t count) const override;
   [[nodiscard]] std::vector<ArrayShape> arrays() const override;
   [[nodiscard]] std::optional<std::shared_ptr<const NumberArray>> array(const std::string& name,

@@ -175,7 +175,7 @@ class MeshMaker {
   /// Adds one cell for each element, so that both have the same numbers. Repeated elements become empty cells.
   void add_cells() {
     const GmshElements& elements = file_.elements;
-    std::array<std::int64_t, 27> points{};
+    std::array<std::size_t, 27> points{};
     const std::vector<bool> repeated = find_repeated();
     mesh_.types.reserve(elements.types.size());
     mesh_.offsets.reserve(elements.types.size() + 1);
@@ -190,7 +190,7 @@ class MeshMaker {
             type);
       first_node_.push_back(at);
       for (std::size_t i = 0; i < kind->nodes; ++i)
-        points[i] = static_cast<std::int64_t>(nodes_.find(elements.nodes[at + kind->order[i]], "node"));
+        points[i] = nodes_.find(elements.nodes[at + kind->order[i]], "node");
       const bool is_empty = repeated[first_node_.size() - 1];
       mesh_.add_cell(is_empty ? vtk_cell::empty : kind->vtk_type, std::span(points).first(is_empty ? 0 : kind->nodes));
       at += *gmsh_node_count(type);

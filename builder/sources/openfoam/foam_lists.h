@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "builder/sources/openfoam/foam_reader.h"
@@ -26,6 +27,9 @@ struct LabelLists {
   std::vector<std::uint32_t> values = {};
 
   [[nodiscard]] std::size_t size() const { return starts.size() - 1; }
+  [[nodiscard]] std::span<const std::uint32_t> operator[](std::size_t list) const {
+    return std::span(values).subspan(starts[list], starts[list + 1] - starts[list]);
+  }
 };
 
 /// Reads a list of lists: a faceList, or a faceCompactList, as the file's class says. Throws as read_labels(), and if

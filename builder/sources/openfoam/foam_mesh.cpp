@@ -58,8 +58,7 @@ LabelLists read_faces(const FoamPlace& place, std::size_t point_count) {
   if (beyond != faces.values.end())
     throw ReaderError("{}: a face names point {} of {}", place.name, *beyond, point_count);
   for (std::size_t face = 0; face < faces.size(); ++face)
-    if (faces.starts[face + 1] - faces.starts[face] < 3)
-      throw ReaderError("{}: face {} has fewer than 3 points", place.name, face);
+    if (faces[face].size() < 3) throw ReaderError("{}: face {} has fewer than 3 points", place.name, face);
   return faces;
 }
 

@@ -15,8 +15,7 @@ constexpr double least_steps = 4096;  // of the shortest edge
 
 void PointRounding::include(const FoamMesh& mesh) {
   for (std::size_t face = 0; face < mesh.faces.size(); ++face) {
-    const auto corners = std::span(mesh.faces.values)
-                             .subspan(mesh.faces.starts[face], mesh.faces.starts[face + 1] - mesh.faces.starts[face]);
+    const auto corners = mesh.faces[face];
     dvec3 before = mesh.points[corners.back()];
     for (const std::uint32_t corner : corners) {
       const dvec3 p = mesh.points[corner];

@@ -58,14 +58,8 @@ class CellMaker {
     insert_polyhedron();
   }
 
-  [[nodiscard]] std::span<const Label> faces_of_cell() const {
-    return std::span(faces_.values).subspan(faces_.starts[cell_], faces_.starts[cell_ + 1] - faces_.starts[cell_]);
-  }
-
-  [[nodiscard]] std::span<const Label> corners_of(Label face) const {
-    const LabelLists& all = mesh_.faces;
-    return std::span(all.values).subspan(all.starts[face], all.starts[face + 1] - all.starts[face]);
-  }
+  [[nodiscard]] std::span<const Label> faces_of_cell() const { return faces_[cell_]; }
+  [[nodiscard]] std::span<const Label> corners_of(Label face) const { return mesh_.faces[face]; }
 
   /// Sets corners_ to those of the first face that has so many, in an order that turns right round the direction into
   /// the cell. Returns the face. Requires that there is one.
@@ -133,8 +127,7 @@ class CellMaker {
   }
 
   void insert(int type) {
-    points_.assign(corners_.begin(), corners_.end());
-    data_.add_cell(type, points_);
+    data_.add_cell(type, corners_);
     if (!data_.face_locations.empty()) data_.face_locations.push_back(-1);
   }
 
@@ -158,28 +151,23 @@ class CellMaker {
     }
     std::ranges::sort(corners_);
     corners_.erase(std::ranges::unique(corners_).begin(), corners_.end());
-    points_.assign(corners_.begin(), corners_.end());
-    data_.add_cell(vtk_cell::polyhedron, points_);
+    data_.add_cell(vtk_cell::polyhedron, corners_);
   }
 
   const FoamMesh& mesh_;
   LabelLists faces_;  // of the cells
   MeshData& data_;
   Label cell_ = 0;
-  std::vector<Label> corners_;        // of cell_
-  std::vector<std::int64_t> points_;  // the same
+  std::vector<Label> corners_;  // of cell_
 };
 
 Patch make_patch(const std::string& name, const FoamMesh& mesh, const FoamPatch& patch) {
   std::vector<SurfaceCell> cells;
   for (std::uint64_t face = patch.first_face; face < patch.first_face + patch.face_count; ++face) {
-    const auto first = mesh.faces.values.begin() + mesh.faces.starts[face];
-    const auto last = mesh.faces.values.begin() + mesh.faces.starts[face + 1];
-    const auto corners = last - first;
-    cells.push_back({corners == 3   ? vtk_cell::triangle
-                     : corners == 4 ? vtk_cell::quadrilateral
-                                    : vtk_cell::polygon,
-                     {first, last}});
+    const auto corners = mesh.faces[face];
+    const std::size_t count = corners.size();
+    const int type = count == 3 ? vtk_cell::triangle : count == 4 ? vtk_cell::quadrilateral : vtk_cell::polygon;
+    cells.push_back({type, {corners.begin(), corners.end()}});
   }
   Patch made{name, {}};
   append_cells_of(mesh.points, std::move(cells), made.mesh);
@@ -240,7 +228,7 @@ class OpenFoamDataSets final : public DataSets {
   Result<std::unique_ptr<DataSet>> next() override {
     if (portion_ == 0 && options_.cells == CellValues::averaged && shares_points()) SPLATVOL_TRY(share_points());
     while (regions_.empty() && portion_ < portions())
-      SPLATVOL_TRY(run_reader(file_.path, [&] { read(portion_++, file_.patches); }));
+      SPLATVOL_TRY(run_reader(file_.path, [&] { read(portion_++, false); }));
     if (regions_.empty()) return std::unique_ptr<DataSet>();
     Region region = std::move(regions_.front());
     regions_.pop_front();
@@ -263,7 +251,7 @@ class OpenFoamDataSets final : public DataSets {
   /// Reads all portions once, for the values at the points that several have.
   Status share_points() {
     for (std::size_t portion = 0; portion < portions(); ++portion) {
-      SPLATVOL_TRY(run_reader(file_.path, [&] { read(portion, false); }));
+      SPLATVOL_TRY(run_reader(file_.path, [&] { read(portion, true); }));
       for (const Region& region : regions_) {
         const std::vector<ArrayShape> arrays = region.data->arrays();
         SPLATVOL_TRY(shared_arrays_.add(file_.path, arrays));
@@ -302,14 +290,14 @@ class OpenFoamDataSets final : public DataSets {
         part, region, time_, [&](const std::string& name) { return wants(name); }, &losses_);
   }
 
-  /// Appends the regions of a portion to regions_.
-  void read(std::size_t portion, bool patches) {
+  /// Appends the regions of a portion to regions_. `for_shared`: for share_points().
+  void read(std::size_t portion, bool for_shared) {
     check_parts();
     BlockNumbers numbers;
     for (const std::string& name : case_->regions()) {
       // VTK's names.
       const bool alone = case_->regions().size() == 1;
-      Region region = read_region(portion, name, patches);
+      Region region = read_region(portion, name, for_shared);
       if (region.data->point_count() == 0) continue;
       region.block = numbers.next(alone ? "internalMesh" : name.empty() ? "defaultRegion" : name);
       regions_.push_back(std::move(region));
@@ -318,7 +306,7 @@ class OpenFoamDataSets final : public DataSets {
     has_read_ = true;
   }
 
-  Region read_region(std::size_t part, const std::string& name, bool wants_patches) {
+  Region read_region(std::size_t part, const std::string& name, bool for_shared) {
     const auto find = [&](const char* file) { return case_->mesh_file(part, name, time_, file); };
     const FoamPlace boundary = find("boundary");
     const std::vector<FoamPatch> patches = read_foam_patches(boundary);
@@ -329,9 +317,9 @@ class OpenFoamDataSets final : public DataSets {
       FoamMesh mesh = read_foam_mesh(find);
       check_foam_patches(mesh, patches, boundary.name);
       round(mesh);
-      if (wants_patches) add_patches(name, mesh, patches);
+      if (file_.patches && !for_shared) add_patches(name, mesh, patches);
       CellMaker(mesh, data);
-      if (shares_points()) region.outer = outer_points(mesh);
+      if (for_shared) region.outer = outer_points(mesh);
       data.points = std::move(mesh.points);
     }
     for (const FoamFieldFile& file : fields(part, name)) {

@@ -17,8 +17,7 @@ std::uint64_t mix(std::uint64_t value) {
 std::vector<std::uint32_t> outer_points(const FoamMesh& mesh) {
   std::unordered_map<std::uint64_t, std::span<const std::uint32_t>> open;
   for (std::size_t face = mesh.neighbour.size(); face < mesh.faces.size(); ++face) {
-    const auto corners = std::span(mesh.faces.values)
-                             .subspan(mesh.faces.starts[face], mesh.faces.starts[face + 1] - mesh.faces.starts[face]);
+    const auto corners = mesh.faces[face];
     std::uint64_t hash = 0;
     for (const std::uint32_t corner : corners) hash += mix(corner + std::uint64_t{1});
     const auto [known, is_new] = open.try_emplace(hash, corners);

@@ -211,12 +211,9 @@ class Su2Reader {
       if (corners == 0 && dimension_ == 3)
         return fail(ErrorCode::unsupported, "{}: line {}: a cell of type {}, which has no volume or is not known",
                     path_, line_, type);
-      std::array<std::int64_t, 8> nodes{};
+      std::array<std::uint64_t, 8> nodes{};
       for (std::size_t c = 0; c < corners; ++c)
-        if (std::uint64_t node = 0; numbers.next(node))
-          nodes[c] = static_cast<std::int64_t>(node);
-        else
-          return fail_line("no cell");
+        if (!numbers.next(nodes[c])) return fail_line("no cell");
       SPLATVOL_TRY(check_end(numbers));
       mesh_.data.add_cell(type, std::span(nodes).first(corners));
       return {};

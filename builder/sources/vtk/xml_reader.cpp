@@ -10,7 +10,6 @@
 #include <vtkXMLUnstructuredGridReader.h>
 
 #include <algorithm>
-#include <array>
 #include <filesystem>
 #include <utility>
 
@@ -121,15 +120,12 @@ Result<std::unique_ptr<DataSets>> open_file(const InputFile& file, const SourceO
 }  // namespace
 
 std::optional<FileReader> xml_reader_of(std::string_view type) {
-  constexpr std::array<std::pair<std::string_view, decltype(FileReader::open)>, 5> readers = {{
-      {"UnstructuredGrid", open_file<make_unstructured_reader>},
-      {"StructuredGrid", open_file<make<vtkXMLStructuredGridReader>>},
-      {"RectilinearGrid", open_file<make<vtkXMLRectilinearGridReader>>},
-      {"ImageData", open_file<make<vtkXMLImageDataReader>>},
-      {"PolyData", open_file<make<vtkXMLPolyDataReader>>},
-  }};
-  const auto* found = std::ranges::find(readers, type, &std::pair<std::string_view, decltype(FileReader::open)>::first);
-  return found == readers.end() ? std::nullopt : std::optional(FileReader{found->second, list_arrays});
+  if (type == "UnstructuredGrid") return FileReader{open_file<make_unstructured_reader>, list_arrays};
+  if (type == "StructuredGrid") return FileReader{open_file<make<vtkXMLStructuredGridReader>>, list_arrays};
+  if (type == "RectilinearGrid") return FileReader{open_file<make<vtkXMLRectilinearGridReader>>, list_arrays};
+  if (type == "ImageData") return FileReader{open_file<make<vtkXMLImageDataReader>>, list_arrays};
+  if (type == "PolyData") return FileReader{open_file<make<vtkXMLPolyDataReader>>, list_arrays};
+  return std::nullopt;
 }
 
 Result<ParallelFile> read_parallel_file(const std::string& path) {
