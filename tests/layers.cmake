@@ -75,7 +75,7 @@ set(bench_knows ${tools_knows} tools)
 # Only these layers may include headers of OpenGL, of VTK, and of MPI.
 set(gl_folders epoxy EGL GL GLES3 GLFW)
 set(gl_layers renderer/gl viewer/window library/examples)
-set(vtk_layers ${vtk_formats} tests/fuzz)
+set(vtk_layers ${vtk_formats})
 set(mpi_layers builder/distributed)
 # These layers have no threads and no locks: whoever uses them brings both (base/run_tasks.h, base/part_table.h).
 set(thread_headers condition_variable future mutex shared_mutex thread)

@@ -182,7 +182,7 @@ class BlockDataSets final : public DataSets {
   InputFile file_;
   SourceOptions options_;
   std::unique_ptr<BlockReader> reader_;
-  vtkMultiBlockDataSetAlgorithm* algorithm_ = nullptr;  // of reader_; null: it is one of our own
+  vtkMultiBlockDataSetAlgorithm* algorithm_ = nullptr;  // of reader_; null: it has no pipeline
   std::optional<TimeStep> step_;
   std::optional<bool> has_finer_points_;  // once it is known
   int portion_ = 0;                       // the next to be read
