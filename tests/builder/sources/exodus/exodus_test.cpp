@@ -10,9 +10,9 @@
 #include "builder/opening/open_source.h"
 #include "builder/pipeline/build.h"
 #include "builder/pipeline/census_lines.h"
+#include "tests/builder/sources/exodus/exodus_mesh.h"
 #include "tests/builder/sources/patches_of.h"
 #include "tests/builder/sources/read_input.h"
-#include "tests/builder/sources/exodus/exodus_mesh.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 

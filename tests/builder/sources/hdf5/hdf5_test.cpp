@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "base/file.h"
-#include "tests/builder/sources/read_input.h"
 #include "tests/builder/sources/hdf5/hdf5_arrays.h"
+#include "tests/builder/sources/read_input.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
 
