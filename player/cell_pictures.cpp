@@ -76,6 +76,13 @@ Result<std::shared_ptr<const FileCells>> CellPictures::in_view(const Scene& scen
   return in_view_;
 }
 
+std::optional<SharedCells> CellPictures::shared(const Scene& scene) {
+  if (streamer_->volume().is_far() && !are_held(scene)) return {};
+  const auto kept = this->kept(scene);
+  if (!kept || (*kept)->unknown_cells() > 0) return {};
+  return SharedCells{memory_, volume_, *kept};
+}
+
 bool CellPictures::are_held(const Scene& scene) const {
   return kept_ && kept_->are_held() && kept_->color_attribute() == contours_of(scene).attribute;
 }

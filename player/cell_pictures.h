@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 
 #include "base/error.h"
 #include "base/memory_budget.h"
@@ -21,6 +22,13 @@ namespace splatvol {
 
 class FileCells;
 class KeptCells;
+
+/// Cells that stay in memory for whoever has them, on any thread.
+struct SharedCells {
+  std::shared_ptr<PlayerMemory> memory;  // before what lies in it
+  std::shared_ptr<const format::Volume> volume;
+  std::shared_ptr<const KeptCells> kept;
+};
 
 /// Keeps the cells of the step that a streamer has, and draws them. Errors name the file.
 class CellPictures {
@@ -49,6 +57,9 @@ class CellPictures {
   /// Returns those in the view. `revision`: another one whenever the scene or its view are.
   [[nodiscard]] Result<std::shared_ptr<const FileCells>> in_view(const Scene& scene, const View& view,
                                                                  std::uint64_t revision);
+
+  /// Returns the cells with the values that a scene shows, if all are known and no server is asked for them.
+  [[nodiscard]] std::optional<SharedCells> shared(const Scene& scene);
 
   /// Whether all cells are held: nothing will be read.
   [[nodiscard]] bool are_held(const Scene& scene) const;

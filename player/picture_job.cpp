@@ -23,16 +23,18 @@ FrameSplats without_list(const FrameSplats& frame) {
 
 }  // namespace
 
-LastPicture::LastPicture(const Player& player)
+LastPicture::LastPicture(Player& player)
     : exact(player.exact()),
       nodes(player.streamer().drawn_nodes()),
       statistics(player.streamer().statistics()),
       is_reading_ahead(player.is_reading_ahead()),
-      left_out(player.left_out()) {
+      left_out(player.left_out()),
+      cells(player.cells_for_picks()),
+      surfaces(player.surfaces()) {
   if (const FrameSplats* last = player.frame()) frame = without_list(*last);
 }
 
-void PictureJob::begin(SessionHost& host, Work work, const Player& player, std::function<Status()> draw) {
+void PictureJob::begin(SessionHost& host, Work work, Player& player, std::function<Status()> draw) {
   last_ = LastPicture(player);
   work_ = work;
   const auto priority = work == Work::moving ? SessionHost::Priority::usual : SessionHost::Priority::low;

@@ -14,7 +14,7 @@ namespace splatvol {
 
 /// What is told of the last picture while the next one is drawn.
 struct LastPicture {
-  explicit LastPicture(const Player& player);
+  explicit LastPicture(Player& player);
   LastPicture() = default;
 
   std::optional<FrameSplats> frame = {};  // without its list
@@ -23,6 +23,8 @@ struct LastPicture {
   StreamerStatistics statistics = {};
   bool is_reading_ahead = false;
   std::optional<Error> left_out = {};
+  std::optional<SharedCells> cells = {};  // for picks
+  std::vector<Surface> surfaces = {};
 };
 
 /// Draws a picture, or makes ready for others. Until it ends, nothing else changes the player.
@@ -34,7 +36,7 @@ class PictureJob {
   [[nodiscard]] Work work() const { return work_; }
   [[nodiscard]] const LastPicture& last() const { return last_; }
 
-  void begin(SessionHost& host, Work work, const Player& player, std::function<Status()> draw);
+  void begin(SessionHost& host, Work work, Player& player, std::function<Status()> draw);
 
   // As Task. Require is_begun().
   [[nodiscard]] bool wait(double seconds = 0) const { return drawing_.wait(seconds); }

@@ -492,6 +492,10 @@ std::function<Status()> Player::cells_reader() {
   return has_cells() ? cells_.reader(scene_) : std::function<Status()>();
 }
 
+std::optional<SharedCells> Player::cells_for_picks() {
+  return has_cells() ? cells_.shared(scene_) : std::optional<SharedCells>();
+}
+
 bool Player::holds_cells() const { return cells_.are_held(scene_); }
 
 // The cells in the view.

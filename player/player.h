@@ -258,6 +258,12 @@ class Player {
   /// there are none or no room, and if the file is far.
   [[nodiscard]] std::function<Status()> cells_reader();
 
+  /// Returns the cells that picks ask, as CellPictures::shared; none if the file keeps none.
+  [[nodiscard]] std::optional<SharedCells> cells_for_picks();
+
+  /// Returns the function by which splats are drawn: with shells in place of contours.
+  [[nodiscard]] const TransferFunction& function_of_splats() const { return function_of_splats_; }
+
   /// Draws the last frame again, from a place too near to be seen apart: a frame of a moving camera, to be timed.
   [[nodiscard]] Status draw_again();
 

@@ -247,8 +247,19 @@ class Session {
   /// Whether pictures of splats may be drawn by a job.
   [[nodiscard]] bool draws_aside() const { return player_->rasterizer().capabilities().any_thread; }
 
-  /// Returns the scene's surfaces with their triangles. Must not be called while `is_drawing`.
-  [[nodiscard]] const std::vector<Surface>& surfaces() const { return player_->surfaces(); }
+  /// Returns the scene's surfaces with their triangles.
+  [[nodiscard]] const std::vector<Surface>& surfaces() const {
+    return is_drawing() ? job_.last().surfaces : player_->surfaces();
+  }
+
+  /// Returns the cells that picks in the scene of the last draw ask. None: the file keeps none, some are of a kind that
+  /// is not known, they cannot be read, or a server would be asked. Then splats answer.
+  [[nodiscard]] std::optional<SharedCells> cells_for_picks() {
+    return is_drawing() ? job_.last().cells : player_->cells_for_picks();
+  }
+
+  /// Returns the function by which splats are drawn: with shells in place of contours.
+  [[nodiscard]] const TransferFunction& function_of_splats() const { return player_->function_of_splats(); }
 
   /// Returns the device that draws, in words.
   [[nodiscard]] std::string device_text() const { return player_->rasterizer().description(); }
@@ -416,7 +427,7 @@ class Session {
 
   struct Rest {
     std::optional<ProgressiveRefinement> refinement = {};
-    bool is_to_make_ready = false;  // for what moves, and for probes; after the last picture
+    bool is_to_make_ready = false;  // for what moves, and for picks; after the last picture
   };
   Rest rest_;
 

@@ -96,14 +96,14 @@ int Session::first_exact_spacing() const {
   return used.hurries ? std::max(first_spacing, finest_spacing()) : finest_spacing();
 }
 
-// Begins what makes ready for what moves, and for probes.
+// Begins what makes ready for what moves, and for picks.
 Status Session::begin_making_ready() {
   SPLATVOL_TRY(encode_picture());
   return draw_aside(Work::making_ready, [this] { return make_ready(); });
 }
 
-// Reads all cells of a file that is far, if there is time to draw them while something moves. Probes need the splats of
-// this view.
+// Reads all cells of a file that is far, if there is time to draw them while something moves. Where cells do not answer
+// picks, splats of this view do.
 Status Session::make_ready() {
   SPLATVOL_TRY(learn_errors());
   if (!player_->exact()) return {};
@@ -114,6 +114,7 @@ Status Session::make_ready() {
                              2 * used_.settings.moving.seconds;
     if (has_time) SPLATVOL_TRY(player_->hold_cells());
   }
+  if (player_->cells_for_picks()) return {};
   const double expected_error = quality_of_splats().max_error.value_or(0);
   return player_->choose({.goal = ErrorGoal{expected_error, player_->device_splats()}});
 }

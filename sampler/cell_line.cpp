@@ -6,8 +6,11 @@
 #include <iterator>
 #include <limits>
 #include <string>
+#include <thread>
 #include <utility>
 
+#include "base/interruption.h"
+#include "base/run_tasks.h"
 #include "sampler/tetrahedron.h"
 
 namespace splatvol {
@@ -236,7 +239,8 @@ std::vector<double> values_at(const Crossed& crossed, bool is_inside, double sha
 }
 
 // `rounding`: of positions on the line.
-Result<std::vector<Crossed>> find_crossed(const CellTetrahedra& cells, const Line& line, double rounding) {
+Result<std::vector<Crossed>> find_crossed(const CellTetrahedra& cells, const Line& line, double rounding,
+                                          const ReadTetrahedra& read) {
   const auto meets = [&](const Box& box) { return !line.in(box, cells.reach() + rounding).is_empty(); };
   SPLATVOL_TRY_ASSIGN(chunks, cells.chunks(meets));
   std::vector<Crossed> all;
@@ -256,16 +260,30 @@ Result<std::vector<Crossed>> find_crossed(const CellTetrahedra& cells, const Lin
     }
     return {};
   };
-  SPLATVOL_TRY(cells.for_each<Part>(chunks, work, [&](const format::CellChunkEntry& /*entry*/, Part& part) -> Status {
+  const auto take = [&](const format::CellChunkEntry& /*entry*/, Part& part) -> Status {
     std::ranges::move(part, std::back_inserter(all));
     return {};
-  }));
+  };
+  if (!read) {
+    SPLATVOL_TRY(cells.for_each<Part>(chunks, work, take));
+    return all;
+  }
+  std::vector<Part> parts(chunks.size());
+  const auto run = [&](std::size_t i, std::size_t /*thread*/) -> Status {
+    Tetrahedra scratch;
+    SPLATVOL_TRY(check_interruption());
+    SPLATVOL_TRY_ASSIGN(tetrahedra, read(chunks[i], scratch));
+    return work(chunks[i], *tetrahedra, parts[i]);
+  };
+  SPLATVOL_TRY(run_tasks(chunks.size(), std::max(1u, std::thread::hardware_concurrency()), run));
+  for (std::size_t i = 0; i < chunks.size(); ++i) SPLATVOL_TRY(take(chunks[i], parts[i]));
   return all;
 }
 
 }  // namespace
 
-Result<LineRows> follow_line(const CellTetrahedra& cells, const dvec3& start, const dvec3& end) {
+Result<LineRows> follow_line(const CellTetrahedra& cells, const dvec3& start, const dvec3& end,
+                             const ReadTetrahedra& read) {
   const Line line{start, end};
   const std::string& name = cells.reader().volume().name();
   if (!(line.length() > 0 && std::isfinite(line.length())))
@@ -276,7 +294,7 @@ Result<LineRows> follow_line(const CellTetrahedra& cells, const dvec3& start, co
   const double rounding = std::max({cells.rounding(), rounding_of(start), rounding_of(end)});
   if (rounding > cells.rounding() && rounding > 1e-6 * cells.reader().volume().info().cube.edge)
     return fail(ErrorCode::invalid_argument, "{}: the line is too long to tell where it meets cells", name);
-  SPLATVOL_TRY_ASSIGN(all, find_crossed(cells, line, rounding));
+  SPLATVOL_TRY_ASSIGN(all, find_crossed(cells, line, rounding, read));
   std::vector<double> shares = {0, 1};
   for (const Crossed& crossed : all) {
     const Range& range = crossed.is_crossed() ? crossed.inside : crossed.near;
@@ -309,28 +327,28 @@ Result<LineRows> follow_line(const CellTetrahedra& cells, const dvec3& start, co
   return std::move(rows).rows();
 }
 
+double value_on_line(const LineRows& rows, std::size_t attribute, double arc_length) {
+  const std::vector<double>& values = rows.values[attribute];
+  const auto at = std::min(std::ranges::lower_bound(rows.arc_lengths, arc_length), rows.arc_lengths.end() - 1);
+  const auto row = static_cast<std::size_t>(at - rows.arc_lengths.begin());
+  if (*at > arc_length && row > 0) {
+    const double way = (arc_length - *(at - 1)) / (*at - *(at - 1));
+    return (1 - way) * values[row - 1] + way * values[row];
+  }
+  const bool jumps = row + 1 < values.size() && at[1] == *at;
+  return std::isnan(values[row]) && jumps ? values[row + 1] : values[row];
+}
+
 LineRows in_equal_steps(const LineRows& rows, const dvec3& start, const dvec3& end, std::size_t positions) {
   const Line line{start, end};
   LineRows samples;
   samples.values.resize(rows.values.size());
   for (std::size_t k = 0; k < positions; ++k) {
     const double share = static_cast<double>(k) / static_cast<double>(positions - 1);
-    const double arc_length = share * line.length();
-    samples.arc_lengths.push_back(arc_length);
+    samples.arc_lengths.push_back(share * line.length());
     samples.positions.push_back(line.at(share));
-    const auto at = std::min(std::ranges::lower_bound(rows.arc_lengths, arc_length), rows.arc_lengths.end() - 1);
-    const auto row = static_cast<std::size_t>(at - rows.arc_lengths.begin());
-    for (std::size_t a = 0; a < rows.values.size(); ++a) {
-      const std::vector<double>& values = rows.values[a];
-      double value = values[row];
-      if (*at > arc_length) {
-        const double way = (arc_length - *(at - 1)) / (*at - *(at - 1));
-        value = (1 - way) * values[row - 1] + way * values[row];
-      } else if (std::isnan(value) && row + 1 < values.size() && at[1] == *at) {
-        value = values[row + 1];
-      }
-      samples.values[a].push_back(value);
-    }
+    for (std::size_t a = 0; a < rows.values.size(); ++a)
+      samples.values[a].push_back(value_on_line(rows, a, samples.arc_lengths.back()));
   }
   return samples;
 }

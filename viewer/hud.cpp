@@ -59,11 +59,10 @@ std::string detail_text(const Session& session) {
 
 float draw_hud(ViewerState& viewer, double frame_seconds) {
   const Session& session = *viewer.session;
-  const FrameSplats* frame = session.frame();
-  if (!frame) return 0;
+  if (session.shown_number() == 0) return 0;
   const StreamerStatistics statistics = session.statistics();
   const auto bytes = [](std::uint64_t count) { return byte_text(static_cast<double>(count)); };
-  const FrameProgress& progress = frame->progress;
+  const FrameProgress progress = session.frame() ? session.frame()->progress : FrameProgress();
   std::string text = fmt::format("{:.0f} frames/s, picture {:.1f} ms\n", frame_seconds > 0 ? 1 / frame_seconds : 0,
                                  1000 * session.draw_seconds());
   text += drawn_text(session);

@@ -5,10 +5,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
+#include <vector>
 
 #include "pictures/ticks.h"
+#include "player/cell_ray.h"
+#include "viewer/plot.h"
 #include "viewer/window/gui_units.h"
 #include "viewer/window/presenter.h"
 
@@ -20,63 +22,61 @@ std::string with_unit(double value, const format::Attribute& attribute) {
                      attribute.unit.empty() ? "" : " ", attribute.unit);
 }
 
-std::string words_of(const Probe& probe, const format::Attribute& attribute) {
-  return fmt::format("{}{}{} {}\nat {:.5g}, {:.5g}, {:.5g}\nopacity {:.0f} %", probe.surface,
-                     probe.surface.empty() ? "" : "\n", attribute.name,
-                     std::isnan(probe.value) ? "none here" : with_unit(probe.value, attribute), probe.position.x,
-                     probe.position.y, probe.position.z, 100 * probe.opacity);
+// Returns an attribute of the file as the session shows it.
+format::Attribute attribute_of(const Session& session, const std::string& name) {
+  if (name == session.attribute().name) return session.attribute();
+  const auto& all = session.info().attributes;
+  const auto found = std::ranges::find(all, name, &format::Attribute::name);
+  return found != all.end() ? *found : session.attribute();
 }
 
-std::string table_of(const Probe& probe, const format::Attribute& attribute) {
+std::string words_of(const Pick& pick, const Session& session) {
+  std::string text = pick.name.empty() ? "" : pick.name + "\n";
+  for (const auto& [attribute, value] : pick.values)
+    text += fmt::format("{} {}\n", attribute,
+                        std::isnan(value) ? "none here" : with_unit(value, attribute_of(session, attribute)));
+  return text + fmt::format("at {:.5g}, {:.5g}, {:.5g}\nopacity {:.0f} %", pick.position.x, pick.position.y,
+                            pick.position.z, 100 * pick.opacity);
+}
+
+std::string table_of(const Pick& pick, const format::Attribute& attribute) {
   std::string text = fmt::format("distance,{},opacity\n", attribute.name);
-  for (const Probe::Sample& sample : probe.samples)
-    text += fmt::format("{:.9g},{},{:.6g}\n", sample.distance,
-                        std::isnan(sample.value) ? "" : fmt::format("{:.9g}", sample.value), sample.opacity);
+  for (const Pick::Row& row : pick.rows)
+    text += fmt::format("{:.9g},{},{:.6g}\n", row.distance,
+                        std::isnan(row.value) ? "" : fmt::format("{:.9g}", row.value), row.opacity);
   return text;
 }
 
 // Draws the values along a ray as a line, and its opacity so far as an area that ends at the upper edge for 1.
-void draw_plot(const Probe& probe, const format::Attribute& attribute) {
+void draw_plot(const Pick& pick, const format::Attribute& attribute) {
   const float unit = gui_unit();
   const ImVec2 size(300 * unit, 110 * unit);
-  const ImVec2 corner = ImGui::GetCursorScreenPos();
-  double low = std::numeric_limits<double>::infinity(), high = -low;
-  for (const Probe::Sample& sample : probe.samples)
-    if (!std::isnan(sample.value)) low = std::min(low, sample.value), high = std::max(high, sample.value);
-  const double span = high > low ? high - low : 1;
-  const auto x_of = [&](std::size_t i) {
-    return corner.x + size.x * static_cast<float>(i) / static_cast<float>(probe.samples.size() - 1);
-  };
-  const auto y_of = [&](double share) { return corner.y + size.y * (1 - static_cast<float>(share)); };
-  ImDrawList& list = *ImGui::GetWindowDrawList();
-  list.AddRectFilled(corner, {corner.x + size.x, corner.y + size.y}, ImGui::GetColorU32(ImGuiCol_FrameBg));
-  for (std::size_t i = 1; i < probe.samples.size(); ++i) {
-    const Probe::Sample &from = probe.samples[i - 1], &to = probe.samples[i];
-    const ImVec2 area[] = {
-        {x_of(i - 1), y_of(0)}, {x_of(i - 1), y_of(from.opacity)}, {x_of(i), y_of(to.opacity)}, {x_of(i), y_of(0)}};
-    list.AddConvexPolyFilled(area, 4, ImGui::GetColorU32(ImGuiCol_PlotHistogram, 0.25f));
-    if (std::isnan(from.value) || std::isnan(to.value)) continue;
-    list.AddLine({x_of(i - 1), y_of((from.value - low) / span)}, {x_of(i), y_of((to.value - low) / span)},
-                 ImGui::GetColorU32(ImGuiCol_Text), 1.5f * unit);
+  std::vector<double> distances, values, opacities;
+  for (const Pick::Row& row : pick.rows) {
+    distances.push_back(row.distance);
+    values.push_back(row.value);
+    opacities.push_back(row.opacity);
   }
-  ImGui::Dummy(size);
-  if (ImGui::IsItemHovered()) {
-    const double share = static_cast<double>((ImGui::GetMousePos().x - corner.x) / size.x);
-    const double last = static_cast<double>(probe.samples.size() - 1);
-    const Probe::Sample& sample =
-        probe.samples[static_cast<std::size_t>(std::clamp(std::round(share * last), 0.0, last))];
-    ImGui::SetTooltip("distance %.5g\n%s %s\nopacity up to here %.0f %%", sample.distance, attribute.name.c_str(),
-                      std::isnan(sample.value) ? "none" : with_unit(sample.value, attribute).c_str(),
-                      100 * sample.opacity);
+  const Plot plot(distances, size);
+  const PlotRange range = range_of(values);
+  plot.draw_area(opacities);
+  plot.draw_curve(values, range, ImGui::GetColorU32(ImGuiCol_Text));
+  if (const auto place = plot.end()) {
+    const auto behind = std::ranges::lower_bound(distances, *place);
+    const auto row = static_cast<std::size_t>(std::min(behind, distances.end() - 1) - distances.begin());
+    ImGui::SetTooltip("distance %.5g\n%s %s\nopacity up to here %.0f %%", distances[row], attribute.name.c_str(),
+                      std::isnan(values[row]) ? "none" : with_unit(values[row], attribute).c_str(),
+                      100 * opacities[row]);
   }
-  const std::string range =
-      fmt::format("{:.{}g} to {}", low, digits_of_range(attribute.min, attribute.max), with_unit(high, attribute));
-  const std::string distances =
-      fmt::format("distance {:.4g} to {:.4g}", probe.samples.front().distance, probe.samples.back().distance);
-  ImGui::TextUnformatted((low <= high ? range : "no values").c_str());
+  const std::string words = range.is_empty()
+                                ? "no values"
+                                : fmt::format("{:.{}g} to {}", range.low, digits_of_range(attribute.min, attribute.max),
+                                              with_unit(range.high, attribute));
+  const std::string ends = fmt::format("distance {:.4g} to {:.4g}", distances.front(), distances.back());
+  ImGui::TextUnformatted(words.c_str());
   ImGui::SameLine(
-      std::max(ImGui::CalcTextSize(range.c_str()).x + 16 * unit, size.x - ImGui::CalcTextSize(distances.c_str()).x));
-  ImGui::TextUnformatted(distances.c_str());
+      std::max(ImGui::CalcTextSize(words.c_str()).x + 16 * unit, size.x - ImGui::CalcTextSize(ends.c_str()).x));
+  ImGui::TextUnformatted(ends.c_str());
 }
 
 }  // namespace
@@ -94,47 +94,64 @@ Looking Probes::looking_at(const dvec2& position) const {
   return looking_through(viewer_.session->view(), pixel.x, pixel.y);
 }
 
+// None while splats are drawn that would answer.
+std::optional<Probes::Question> Probes::question_about(const Looking& looking) const {
+  Session& session = *viewer_.session;
+  Question question{looking, session.drawn_scene(), session.step()};
+  question.scene.camera = {};
+  question.scene.width = question.scene.height = 0;
+  question.of_cells = session.cells_for_picks().has_value();
+  if (question.of_cells) return question;
+  if (session.is_drawing() || !session.frame()) return {};
+  question.serial = session.frame()->serial;
+  question.opacity = opacity_of(looking);
+  return question;
+}
+
 // The picture tells the opacity of lines of sight from its eye.
-Probes::Question Probes::question_about(const Looking& looking) const {
-  const Scene& drawn = viewer_.session->drawn_scene();
-  Question question{viewer_.session->frame()->serial, drawn.transfer_function, {}, looking, {}};
-  if (drawn.opacity) question.opacity_function = drawn.opacity->function;
-  question.surfaces = drawn.surfaces;
+std::optional<double> Probes::opacity_of(const Looking& looking) const {
   const View& view = viewer_.session->view();
   const dvec3 at = view.to_view(looking.ray.origin + looking.ray.direction);
   const dvec3 from = view.to_view(looking.ray.origin);
   const bool is_of_view = view.orthographic ? looking.orthographic && view.forward == looking.ray.direction
                                             : !looking.orthographic && view.eye == looking.ray.origin && at.z > 0;
-  if (!is_of_view) return question;
+  if (!is_of_view) return {};
   const dvec3 in_picture = view.orthographic ? view.focal * from : view.focal / at.z * at;
-  question.opacity = opacity_at(*viewer_.session, static_cast<int>(std::floor(in_picture.x + 0.5 * view.width)),
-                                static_cast<int>(std::floor(0.5 * view.height - in_picture.y)));
-  return question;
+  return opacity_at(*viewer_.session, static_cast<int>(std::floor(in_picture.x + 0.5 * view.width)),
+                    static_cast<int>(std::floor(0.5 * view.height - in_picture.y)));
 }
 
-// Copies the frame's list, unless the frame is known.
 void Probes::ask(const Question& question) {
   if (is_busy() || answered_ == question) return;
-  const Session& session = *viewer_.session;
-  const bool is_known = last_.frame && answered_->serial == question.serial;
-  auto answer = [question, units = session.units(), steps = session.steps(), step = session.step(),
-                 attribute = session.drawn_scene().attribute, known = is_known ? last_.frame : nullptr,
-                 cells = last_.cells, surfaces = session.surfaces(), view = session.view(),
-                 list = is_known ? DrawList() : session.frame()->list]() mutable -> Answer {
-    if (!known) {
-      known = std::make_shared<const ProbedFrame>(std::move(list), units);
-      cells = ProbedCells::open(steps, step, attribute).value_or(nullptr);
-    }
-    const auto& factors = question.opacity_function;
-    auto probe = with_surfaces(
-        known->probe({question.function, factors ? &*factors : nullptr}, question.looking, question.opacity), surfaces,
-        view, question.looking.ray);
-    if (probe && cells) cells->take_values(question.looking.ray, *probe);
-    return {std::move(known), std::move(cells), std::move(probe)};
-  };
   asked_ = question;
-  last_.frame.reset();
-  last_.cells.reset();
+  question.of_cells ? ask_cells(question) : ask_splats(question);
+}
+
+void Probes::ask_cells(const Question& question) {
+  last_ = {};
+  const Session& session = *viewer_.session;
+  answer_ = {viewer_.host,
+             [question, cells = *viewer_.session->cells_for_picks(), surfaces = session.surfaces(),
+              clip = session.view().clip]() -> Answer {
+               auto found = pick_cells(*cells.kept, question.scene, surfaces, clip, question.looking.ray);
+               if (!found) return {.is_cancelled = found.error().code == ErrorCode::cancelled};
+               return {.pick = *std::move(found)};
+             }};
+}
+
+// Copies the frame's lists, unless the frame is known.
+void Probes::ask_splats(const Question& question) {
+  const Session& session = *viewer_.session;
+  auto known = answered_ && answered_->serial == question.serial ? last_.splats : nullptr;
+  last_ = {};
+  auto answer = [question, known, units = session.units(), surfaces = session.surfaces(), clip = session.view().clip,
+                 function = session.function_of_splats(), list = known ? DrawList() : session.frame()->list,
+                 sliced = known ? DrawList() : session.frame()->sliced]() mutable -> Answer {
+    if (!known)
+      known = std::make_shared<const PickedSplats>(std::move(list), std::move(sliced), units, question.scene.attribute);
+    auto found = pick_splats(*known, question.scene, function, surfaces, clip, question.looking, question.opacity);
+    return {std::move(known), std::move(found)};
+  };
   answer_ = {viewer_.host, std::move(answer)};
 }
 
@@ -142,72 +159,72 @@ bool Probes::take_answer() {
   if (!is_busy() || !answer_.wait()) return false;
   last_ = answer_.take();
   answered_ = std::exchange(asked_, {});
+  if (last_.is_cancelled) answered_.reset();
   return true;
 }
 
 // Null until it is there.
-const std::optional<Probe>* Probes::answer_to(const Question& question) const {
-  return answered_ == question ? &last_.probe : nullptr;
+const std::optional<Pick>* Probes::answer_to(const Question& question) const {
+  return answered_ == question ? &last_.pick : nullptr;
 }
 
 // Lets go of the frame's rows, unless an answer is on its way.
 void Probes::forget() {
-  if (is_busy()) return;
+  if (is_busy()) return answer_.interrupt();
   last_ = {};
   answered_.reset();
 }
 
-// A slice in front of the volume's middle takes its place.
-std::optional<Probe> Probes::with_slices(const std::optional<Probe>& volume, const Ray& ray) const {
-  auto on_slice =
-      probe_slices(viewer_.session->frame()->sliced, viewer_.session->units(), viewer_.session->view(), ray);
-  const auto distance = [&](const Probe& probe) { return glm::length(probe.position - ray.origin); };
-  return on_slice && (!volume || distance(*on_slice) < distance(*volume)) ? on_slice : volume;
-}
-
 void Probes::pin(const dvec2& position) {
-  if (!viewer_.shown.probe || !viewer_.session || !viewer_.session->frame()) return;
+  if (!viewer_.shown.probe || !viewer_.session || viewer_.session->shown_number() == 0) return;
   pin_ = Pin{looking_at(position)};
 }
 
 void Probes::draw(bool is_at_rest, bool over_picture) {
-  const FrameSplats* frame = viewer_.session->frame();
-  if (!frame || viewer_.session->is_drawing()) return draw_pinned();
+  if (viewer_.session->shown_number() == 0) return;
   is_at_rest = is_at_rest && !viewer_.session->is_reading();
-  if (!is_at_rest) forget();
-  if (pin_ && is_at_rest) {
-    const Question question = question_about(pin_->looking);
-    if (const auto* answer = answer_to(question)) {
-      pin_->asked = question;
-      pin_->probe = with_slices(*answer, pin_->looking.ray);
-      if (!pin_->probe) pin_.reset();  // nothing is there
-    } else if (pin_->asked != question) {
-      ask(question);
-    }
+  const dvec2 pointer = viewer_.steering.pointer();
+  std::optional<Question> hovered;
+  if (!is_at_rest) {
+    forget();
+  } else {
+    if (over_picture && pointer.x >= viewer_.picture_area().left) hovered = question_about(looking_at(pointer));
+    look_at_pin();
+    if (is_busy() && asked_ != hovered && !(pin_ && asked_->looking == pin_->looking)) answer_.interrupt();
   }
   draw_pinned();
-  if (is_at_rest && over_picture) draw_hovered();
+  if (hovered) draw_hovered(*hovered);
 }
 
-// Shows the probe beside the pointer.
-void Probes::draw_hovered() {
-  const dvec2 pointer = viewer_.steering.pointer();
-  if (pointer.x < viewer_.picture_area().left) return;
-  const Question question = question_about(looking_at(pointer));
+// The pin goes before the pointer.
+void Probes::look_at_pin() {
+  if (!pin_) return;
+  const auto question = question_about(pin_->looking);
+  if (!question) return;
+  if (const auto* answer = answer_to(*question)) {
+    pin_->asked = question;
+    pin_->pick = *answer;
+    if (!pin_->pick) pin_.reset();  // nothing is there
+  } else if (pin_->asked != question) {
+    ask(*question);
+  }
+}
+
+// Shows the value beside the pointer.
+void Probes::draw_hovered(const Question& question) {
   const auto* answer = answer_to(question);
   if (!answer) return ask(question);
-  if (const auto found = with_slices(*answer, question.looking.ray))
-    ImGui::SetTooltip("%s", words_of(*found, viewer_.session->attribute()).c_str());
+  if (*answer) ImGui::SetTooltip("%s", words_of(**answer, *viewer_.session).c_str());
 }
 
 // Shows the pinned probe: a ring where its value is, and a window.
 void Probes::draw_pinned() {
-  if (!pin_ || !pin_->probe) return;
-  const Probe& probe = *pin_->probe;
+  if (!pin_ || !pin_->pick) return;
+  const Pick& pick = *pin_->pick;
   const PictureArea area = viewer_.picture_area();
   const View& view = viewer_.session->view();
   const float scale = viewer_.scale();
-  const dvec3 at = view.to_view(probe.position);
+  const dvec3 at = view.to_view(pick.position);
   if (view.orthographic || at.z > 0) {
     const double by = view.focal / (view.orthographic ? 1 : at.z);
     const ImVec2 center(static_cast<float>(area.left + area.unit_x * (by * at.x + 0.5 * view.width)),
@@ -222,15 +239,16 @@ void Probes::draw_pinned() {
                           ImGuiCond_Appearing, {0, 1});
   bool stays = true;
   ImGui::Begin("pinned", &stays, ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoCollapse);
-  ImGui::TextUnformatted(words_of(probe, viewer_.session->attribute()).c_str());
-  if (!probe.samples.empty()) draw_plot(probe, viewer_.session->attribute());
+  const Session& session = *viewer_.session;
+  ImGui::TextUnformatted(words_of(pick, session).c_str());
+  if (!pick.rows.empty()) draw_plot(pick, session.attribute());
   if (ImGui::SmallButton("copy"))
-    ImGui::SetClipboardText(fmt::format("{:.9g},{:.9g},{:.9g},{:.9g},{:.6g}\n", probe.position.x, probe.position.y,
-                                        probe.position.z, probe.value, probe.opacity)
+    ImGui::SetClipboardText(fmt::format("{:.9g},{:.9g},{:.9g},{:.9g},{:.6g}\n", pick.position.x, pick.position.y,
+                                        pick.position.z, pick.values.front().value, pick.opacity)
                                 .c_str());
   hint("Copies x, y, z, the value and the opacity.");
   ImGui::SameLine();
-  if (ImGui::SmallButton("copy plot")) ImGui::SetClipboardText(table_of(probe, viewer_.session->attribute()).c_str());
+  if (ImGui::SmallButton("copy plot")) ImGui::SetClipboardText(table_of(pick, session.attribute()).c_str());
   hint("Copies the table of distance, value and opacity.");
   ImGui::End();
   if (!stays) pin_.reset();

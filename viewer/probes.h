@@ -1,17 +1,20 @@
 // The viewer's probes: beside the pointer, and pinned with a plot.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
 
-#include "viewer/probe.h"
+#include "player/pick.h"
+#include "player/splat_ray.h"
 #include "viewer/state.h"
 
 namespace splatvol {
 
-/// Asks one question at a time. Between questions about one frame, the frame's splats need not be looked at again.
+/// Asks one question at a time. Cells answer, also while a picture is drawn. Where there are none, the splats of the
+/// frame do, and between questions about one frame they need not be looked at again.
 class Probes {
  public:
   explicit Probes(ViewerState& viewer) : viewer_(viewer) {}
@@ -30,46 +33,49 @@ class Probes {
   /// Lets go of the session's splats, and of the pin.
   void end();
 
-  /// Draws the probes. Answers come from a job, and only at rest: while the picture changes, its splats are not held
-  /// for a probe. `over_picture`: the pointer is not over a control.
+  /// Draws the probes. Answers come from a job, and only at rest: while the picture changes, nobody holds its splats,
+  /// and nobody waits for its values. `over_picture`: the pointer is not over a control.
   void draw(bool is_at_rest, bool over_picture);
 
  private:
   struct Question {
-    std::uint64_t serial = 0;  // FrameSplats::serial
-    TransferFunction function;
-    std::optional<TransferFunction> opacity_function;
     Looking looking;
-    std::optional<double> opacity;  // as in ProbedFrame::probe
-    std::vector<SceneSurface> surfaces = {};
+    Scene scene;           // without its camera and size
+    std::size_t step = 0;  // of a series
+    bool of_cells = false;
+    std::uint64_t serial = 0;            // FrameSplats::serial, of splats
+    std::optional<double> opacity = {};  // as in PickedSplats::follow
 
     [[nodiscard]] bool operator==(const Question&) const = default;
   };
   struct Answer {
-    std::shared_ptr<const ProbedFrame> frame;
-    std::shared_ptr<const ProbedCells> cells;  // null: the file has none, or they cannot be opened
-    std::optional<Probe> probe;                // none: the ray meets nothing
+    std::shared_ptr<const PickedSplats> splats = {};  // that were asked
+    std::optional<Pick> pick = {};                    // none: the ray meets nothing
+    bool is_cancelled = false;
   };
   // A line of sight that was clicked on.
   struct Pin {
     Looking looking;
-    std::optional<Question> asked = {};  // the question that `probe` answers
-    std::optional<Probe> probe = {};
+    std::optional<Question> asked = {};  // the question that `pick` answers
+    std::optional<Pick> pick = {};
   };
   [[nodiscard]] Looking looking_at(const dvec2& position) const;
-  [[nodiscard]] Question question_about(const Looking& looking) const;
+  [[nodiscard]] std::optional<Question> question_about(const Looking& looking) const;
+  [[nodiscard]] std::optional<double> opacity_of(const Looking& looking) const;
   void ask(const Question& question);
-  [[nodiscard]] const std::optional<Probe>* answer_to(const Question& question) const;
+  void ask_cells(const Question& question);
+  void ask_splats(const Question& question);
+  [[nodiscard]] const std::optional<Pick>* answer_to(const Question& question) const;
   void forget();
-  [[nodiscard]] std::optional<Probe> with_slices(const std::optional<Probe>& volume, const Ray& ray) const;
-  void draw_hovered();
+  void look_at_pin();
+  void draw_hovered(const Question& question);
   void draw_pinned();
 
   ViewerState& viewer_;
   std::optional<Pin> pin_;
   std::optional<Question> asked_;  // that the job answers
   std::optional<Question> answered_;
-  Answer last_;  // to it; its frame and cells serve other questions about the frame
+  Answer last_;  // to it; its splats serve other questions about the frame
   Task<Answer> answer_;
 };
 

@@ -273,7 +273,7 @@ void Viewer::handle(const Event& event) {
   bool is_taken = key_event ? gui_->has_keyboard() && !closes_dialog : gui_->has_pointer();
   const auto* button = std::get_if<ButtonChanged>(&event);
   if (button && button->button == 0 && button->down && !is_taken && !state_.steering.is_dragging() && session &&
-      session->frame())
+      session->shown_number() > 0)
     is_taken = planes.grab(session->scene, session->view(), area, state_.steering.pointer());
   if (const auto* moved = std::get_if<PointerMoved>(&event)) {
     is_taken = planes.is_held();

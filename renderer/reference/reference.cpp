@@ -15,8 +15,8 @@
 #include <vector>
 
 #include "renderer/reference/cell.h"
-#include "renderer/reference/emission_absorption.h"
 #include "scene/clipped_depths.h"
+#include "scene/emission_absorption.h"
 
 namespace splatvol {
 namespace {

@@ -1,9 +1,9 @@
 // Slices and clip planes in the viewer, by events.
 #include <gtest/gtest.h>
 
+#include "player/splat_ray.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/viewer/viewer_fixture.h"
-#include "viewer/probe.h"
 
 namespace splatvol::test {
 namespace {
@@ -103,19 +103,20 @@ TEST_F(ViewerSlices, HandlesMoveAndTurnTheSliceAndUndoGoesBack) {
 TEST_F(ViewerSlices, TheProbeReadsTheValue) {
   press('X');
   settle();
-  const FrameSplats& shown = *viewer->session()->frame();
-  const DrawingUnits units = viewer->session()->units();
+  const Session& session = *viewer->session();
+  const PickedSplats splats(session.frame()->list, session.frame()->sliced, session.units(), "value");
+  const auto found_at = [&](double x, double y) {
+    return pick_splats(splats, scene(), session.function_of_splats(), {}, {}, looking_through(view(), x, y));
+  };
   const double x = 0.5 * view().width + 11, y = 0.5 * view().height - 7;
-  const auto found = probe_slices(shown.sliced, units, view(), looking_through(view(), x, y).ray);
+  const auto found = found_at(x, y);
   ASSERT_TRUE(found);
-  EXPECT_NEAR(found->value, linear(found->position), 0.01);
+  EXPECT_EQ(found->name, "slice 1");
+  EXPECT_NEAR(found->values[0].value, linear(found->position), 0.01);
   EXPECT_NEAR(view().slices[0].plane.distance(found->position), 0, 1e-9);
   EXPECT_EQ(found->opacity, 1);
   EXPECT_LT(glm::length(at(found->position) - dvec2(panel + x, y)), 1e-6);
-  EXPECT_FALSE(probe_slices(shown.sliced, units, view(), looking_through(view(), 1, 1).ray)) << "beside the data";
-  View none = view();
-  none.slices.clear();
-  EXPECT_FALSE(probe_slices(shown.sliced, units, none, looking_through(none, x, y).ray));
+  EXPECT_FALSE(found_at(1, 1)) << "beside the data";
 }
 
 }  // namespace

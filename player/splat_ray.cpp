@@ -1,4 +1,4 @@
-#include "viewer/probe.h"
+#include "player/splat_ray.h"
 
 #include <algorithm>
 #include <array>
@@ -11,9 +11,6 @@
 
 #include "renderer/slice_values.h"
 #include "renderer/transfer_table.h"
-#include "sampler/cell_line.h"
-#include "sampler/cell_sampler.h"
-#include "scene/clipped_depths.h"
 #include "splat/ellipsoid.h"
 #include "splat/kernel.h"
 
@@ -22,7 +19,6 @@ namespace {
 
 constexpr std::uint32_t chunk_splats = 256;
 constexpr std::size_t sample_count = 256;
-constexpr double invisible = 1e-3;        // opacity
 constexpr double most_opaque = 1 - 1e-6;  // a picture rounds its opacity
 constexpr double gaussian_reach = 4;      // deviations of a splat of the kernel octant
 constexpr double octant_deviation = 0.4;  // of its size
@@ -161,47 +157,62 @@ bool is_missed(const Ray& ray, const dvec3& center, double radius) {
   return along < -radius || glm::dot(miss, miss) > radius * radius;
 }
 
+// What splats sum up to in a place.
+struct Sum {
+  double density = 0, value = 0, depth = 0;
+
+  void add(double density_there, double value_there, double depth_there) {
+    density += density_there, value += density_there * value_there, depth += depth_there;
+  }
+};
+
+// Adds a chord at equal distances. Its optical depth is that of the integral. A splat that lies between two of them
+// counts at the next one.
+void add_chord(const SplatChord& chord, const Extinctions& extinctions, double begin, double step,
+               std::vector<Sum>& sums) {
+  const auto first =
+      static_cast<std::size_t>(std::clamp(std::ceil((chord.begin - begin) / step), 0.0, sample_count - 1.0));
+  std::vector<double> depths;
+  double sampled = 0;
+  for (std::size_t i = first; i < sums.size(); ++i) {
+    const double distance = begin + static_cast<double>(i) * step;
+    if (distance > chord.end) break;
+    depths.push_back(chord.density_at(distance) * extinctions.of(chord.value_at(distance), chord.deviation));
+    sampled += depths.back();
+  }
+  const double middle = std::clamp(chord.middle, chord.begin, chord.end);
+  if (!(sampled > 0)) sums[first].add(chord.density_at(middle), chord.value_at(middle), chord.optical_depth);
+  for (std::size_t k = 0; k < depths.size(); ++k) {
+    const double distance = begin + static_cast<double>(first + k) * step;
+    sums[first + k].add(chord.density_at(distance), chord.value_at(distance),
+                        sampled > 0 ? depths[k] / sampled * chord.optical_depth : 0);
+  }
+}
+
 // The sum of all chords' densities and values at equal distances, and the opacity so far.
-std::vector<Probe::Sample> samples_of(const std::vector<SplatChord>& chords, const Extinctions& extinctions) {
+std::vector<Pick::Row> rows_of(const std::vector<SplatChord>& chords, const Extinctions& extinctions) {
   double begin = std::numeric_limits<double>::infinity(), end = 0;
   for (const SplatChord& chord : chords) begin = std::min(begin, chord.begin), end = std::max(end, chord.end);
-  const double step = (end - begin) / static_cast<double>(sample_count - 1);
-  std::vector<double> density(sample_count), value(sample_count), depth(sample_count);
-  for (const SplatChord& chord : chords) {
-    const auto first = static_cast<std::size_t>(std::max(std::ceil((chord.begin - begin) / step), 0.0));
-    for (std::size_t i = first; i < sample_count; ++i) {
-      const double distance = begin + static_cast<double>(i) * step;
-      if (distance > chord.end) break;
-      const double d = chord.density_at(distance), v = chord.value_at(distance);
-      density[i] += d;
-      value[i] += d * v;
-      depth[i] += d * chord.factor * extinctions.of(v, chord.deviation);
-    }
-  }
-  double total = 0, sampled = 0;
-  for (const SplatChord& chord : chords) total += chord.optical_depth;
-  for (const double d : depth) sampled += d;
-  const double scale = sampled > 0 ? total / sampled : 0;  // thin splats lie between samples
-  std::vector<Probe::Sample> samples;
+  if (!(begin < end)) return {};
+  const double step = (end - begin) / (sample_count - 1.0);
+  std::vector<Sum> sums(sample_count);
+  for (const SplatChord& chord : chords) add_chord(chord, extinctions, begin, step, sums);
+  std::vector<Pick::Row> rows;
   double passed = 0;
-  for (std::size_t i = 0; i < sample_count; ++i) {
-    passed += depth[i] * scale;
-    samples.push_back({begin + static_cast<double>(i) * step,
-                       density[i] > 0 ? value[i] / density[i] : std::numeric_limits<double>::quiet_NaN(),
-                       -std::expm1(-passed)});
+  for (std::size_t i = 0; i < sums.size(); ++i) {
+    const Sum& sum = sums[i];
+    passed += sum.depth;
+    rows.push_back({begin + static_cast<double>(i) * step,
+                    sum.density > 0 ? sum.value / sum.density : std::numeric_limits<double>::quiet_NaN(),
+                    -std::expm1(-passed)});
   }
-  return samples;
+  return rows;
 }
 
 }  // namespace
 
-Looking looking_through(const View& view, double x, double y) {
-  const dvec3 aside = (x - 0.5 * view.width) / view.focal * view.right + (0.5 * view.height - y) / view.focal * view.up;
-  if (view.orthographic) return {{view.eye + aside, view.forward}, 1 / view.focal, true};
-  return {{view.eye, glm::normalize(view.forward + aside)}, 1 / view.focal, false};
-}
-
-ProbedFrame::ProbedFrame(DrawList list, const DrawingUnits& units) : list_(std::move(list)), units_(units) {
+PickedSplats::PickedSplats(DrawList list, DrawList sliced, const DrawingUnits& units, std::string attribute)
+    : list_(std::move(list)), sliced_(std::move(sliced)), units_(units), attribute_(std::move(attribute)) {
   for (std::uint32_t number = 0; number < list_.ranges.size(); ++number) {
     const ShapeRow& row = *list_.ranges[number].row.shapes;
     if (const auto* octants = std::get_if<std::vector<OctantShape>>(&row.records())) {
@@ -217,7 +228,7 @@ ProbedFrame::ProbedFrame(DrawList list, const DrawingUnits& units) : list_(std::
 }
 
 template <class Shape, class Reach>
-void ProbedFrame::add_chunks(std::uint32_t number, const std::vector<Shape>& shapes, const Reach& reach) {
+void PickedSplats::add_chunks(std::uint32_t number, const std::vector<Shape>& shapes, const Reach& reach) {
   const DrawRange& range = list_.ranges[number];
   const RecordBlock& block = range.row.shapes->blocks()[range.block];
   for (std::uint32_t begin = range.begin; begin < range.begin + range.count; begin += chunk_splats) {
@@ -233,8 +244,8 @@ void ProbedFrame::add_chunks(std::uint32_t number, const std::vector<Shape>& sha
   }
 }
 
-std::optional<Probe> ProbedFrame::probe(const Transfer& transfer, const Looking& looking,
-                                        std::optional<double> picture_opacity) const {
+PickedSplats::OnRay PickedSplats::follow(const Transfer& transfer, const Looking& looking,
+                                         std::optional<double> picture_opacity) const {
   const Extinctions extinctions(transfer.function);
   std::optional<Extinctions> factors;
   if (transfer.opacity) factors.emplace(*transfer.opacity);
@@ -255,147 +266,45 @@ std::optional<Probe> ProbedFrame::probe(const Transfer& transfer, const Looking&
       chords.push_back(*chord);
     }
   }
-  std::ranges::sort(chords, {}, [](const SplatChord& chord) { return chord.begin + chord.end; });
   double depth = 0;
   for (const SplatChord& chord : chords) depth += chord.optical_depth;
   if (picture_opacity && depth > 0) {
     const double scale = -std::log1p(-std::min(*picture_opacity, most_opaque)) / depth;
     for (SplatChord& chord : chords) chord.optical_depth *= scale;
-    depth *= scale;
   }
-  const double opacity = -std::expm1(-depth);
-  if (!(opacity >= invisible)) return {};
-  double passed = 0;
-  for (const SplatChord& chord : chords) {
-    passed += chord.optical_depth;
-    if (-std::expm1(-passed) < opacity / 2) continue;
-    const double distance = std::clamp(chord.middle, chord.begin, chord.end);
-    double density = 0, value = 0;
-    for (const SplatChord& other : chords) {
-      if (distance < other.begin || distance > other.end) continue;
-      density += other.density_at(distance);
-      value += other.density_at(distance) * other.value_at(distance);
-    }
-    return Probe{density > 0 ? value / density : chord.value_at(distance), ray.origin + distance * ray.direction,
-                 opacity, samples_of(chords, extinctions)};
-  }
-  return {};
+  return {*this, looking, rows_of(chords, extinctions)};
 }
 
-Result<std::shared_ptr<const ProbedCells>> ProbedCells::open(const format::Steps& steps, std::size_t step,
-                                                             const std::string& attribute) {
-  constexpr std::uint64_t held_bytes = std::uint64_t{16} << 20;
-  SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
-  if (volume->is_far()) return nullptr;
-  SPLATVOL_TRY_ASSIGN(number, format::find_attribute(volume->info(), attribute, volume->name()));
-  SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(*volume, {static_cast<std::size_t>(number)}, own_room(held_bytes)));
-  if (!cells || cells->unknown_cells() > 0) return nullptr;
-  return std::shared_ptr<const ProbedCells>(new ProbedCells(std::move(volume), std::move(cells)));
+double PickedSplats::OnRay::opacity_up_to(double distance) const {
+  const auto behind = std::ranges::upper_bound(rows_, distance, {}, &Pick::Row::distance);
+  if (behind == rows_.begin()) return 0;
+  const Pick::Row& before = *(behind - 1);
+  if (behind == rows_.end()) return before.opacity;
+  const double share = (distance - before.distance) / (behind->distance - before.distance);
+  return before.opacity + share * (behind->opacity - before.opacity);
 }
 
-void ProbedCells::take_values(const Ray& ray, Probe& probe) const {
-  constexpr double beside = 1e-5;  // a surface, of the distance: positions on it may be beside all cells by rounding
-  const double offset = probe.surface.empty() ? 0 : beside * glm::length(probe.position - ray.origin);
-  const std::array places = {probe.position, probe.position - offset * ray.direction,
-                             probe.position + offset * ray.direction};
-  const auto values = sample_cells(*cells_, std::span(places).first(probe.surface.empty() ? 1 : places.size()));
-  if (!values) return;
-  const auto known = std::ranges::find_if(*values, [](double value) { return !std::isnan(value); });
-  if (known != values->end()) probe.value = *known;
-  if (probe.samples.size() < 2) return;
-  const dvec3 start = ray.origin + probe.samples.front().distance * ray.direction;
-  const dvec3 end = ray.origin + probe.samples.back().distance * ray.direction;
-  const auto rows = follow_line(*cells_, start, end);
-  if (!rows) return;
-  const LineRows samples = in_equal_steps(*rows, start, end, probe.samples.size());
-  for (std::size_t i = 0; i < probe.samples.size(); ++i) probe.samples[i].value = samples.values[0][i];
+// Light is lost in front of the row that tells of it.
+PickedValue PickedSplats::OnRay::value_at(double distance) const {
+  PickedValue found{splats_.attribute_, std::numeric_limits<double>::quiet_NaN()};
+  const auto behind = std::ranges::lower_bound(rows_, distance, {}, &Pick::Row::distance);
+  if (behind != rows_.end()) found.value = behind->value;
+  if (std::isnan(found.value) && behind != rows_.begin()) found.value = (behind - 1)->value;
+  return found;
 }
 
-namespace {
-
-// A triangle of a surface that a ray meets.
-struct Hit {
-  double distance;
-  const Surface* surface;
-};
-
-// Returns the distances at which a ray meets a mesh.
-void add_hits(const Surface& surface, const View& view, const Ray& ray, std::vector<Hit>& hits) {
-  const TriangleMesh& mesh = *surface.mesh;
-  for (const auto& [i, j, k] : mesh.triangles) {
-    const dvec3 &p = mesh.points[i], u = mesh.points[j] - p, v = mesh.points[k] - p;
-    const dvec3 across = glm::cross(ray.direction, v), from = ray.origin - p, turned = glm::cross(from, u);
-    const double determinant = glm::dot(u, across);
-    if (determinant == 0) continue;
-    const double s = glm::dot(from, across) / determinant, t = glm::dot(ray.direction, turned) / determinant;
-    const double distance = glm::dot(v, turned) / determinant;
-    if (!(s >= 0 && t >= 0 && s + t <= 1 && distance > 0)) continue;
-    const dvec3 at = view.to_view(ray.origin + distance * ray.direction);
-    const double scale = view.orthographic ? 1 : at.z;
-    if (!is_clipped(view, at.x / scale, at.y / scale, at.z)) hits.push_back({distance, &surface});
-  }
+PickedValue PickedSplats::OnRay::value_on(const Plane& slice, double distance) const {
+  View pixel = view_along(looking_.ray, {});
+  pixel.focal = 1 / (looking_.pixel * (looking_.orthographic ? 1 : distance));
+  return {splats_.attribute_,
+          slice_values(splats_.sliced_, splats_.units_, pixel, slice, std::span(&distance, 1)).front()};
 }
 
-// Returns the opacity of the volume up to a distance.
-double opacity_up_to(const std::optional<Probe>& volume, double distance) {
-  double opacity = 0;
-  if (volume)
-    for (const Probe::Sample& sample : volume->samples)
-      if (sample.distance <= distance) opacity = sample.opacity;
-  return opacity;
-}
-
-}  // namespace
-
-std::optional<Probe> with_surfaces(std::optional<Probe> volume, std::span<const Surface> surfaces, const View& view,
-                                   const Ray& ray) {
-  std::vector<Hit> hits;
-  for (const Surface& surface : surfaces)
-    if (surface.is_visible()) add_hits(surface, view, ray, hits);
-  std::ranges::sort(hits, {}, &Hit::distance);
-  double through = 1, before = 0, of_volume = 0, most = 0;  // shares of the light; `through`: what surfaces let pass
-  const Hit* largest = nullptr;
-  for (const Hit& hit : hits) {
-    const double opacity = opacity_up_to(volume, hit.distance);
-    of_volume += through * (opacity - before);
-    const double share = through * (1 - opacity) * hit.surface->style.opacity;
-    if (share > most) most = share, largest = &hit;
-    through *= 1 - hit.surface->style.opacity;
-    before = opacity;
-  }
-  of_volume += through * ((volume ? volume->opacity : 0) - before);
-  if (!largest || most <= of_volume) return volume;
-  const SceneSurface& style = largest->surface->style;
-  Probe probe = volume ? *std::move(volume) : Probe{};
-  probe.value = std::numeric_limits<double>::quiet_NaN();
-  probe.position = ray.origin + largest->distance * ray.direction;
-  probe.opacity = 1 - through * (1 - probe.opacity);
-  probe.surface = style.boundary.empty() ? style.file : style.boundary;
-  return probe;
-}
-
-std::optional<Probe> probe_slices(const DrawList& sliced, const DrawingUnits& units, const View& view, const Ray& ray) {
-  // A picture of one pixel, whose ray is this one.
-  View pixel = view;
-  pixel.width = pixel.height = 1;
-  pixel.eye = ray.origin;
-  pixel.forward = ray.direction;
-  const dvec3 right = view.right - glm::dot(view.right, ray.direction) * ray.direction;
-  if (!(glm::length(right) > 0)) return {};
-  pixel.right = glm::normalize(right);
-  pixel.up = glm::cross(pixel.right, pixel.forward);
-  std::optional<Probe> nearest;
-  double least = std::numeric_limits<double>::infinity();
-  for (const Slice& slice : view.slices) {
-    const double depth = -slice.plane.distance(ray.origin) / glm::dot(slice.plane.normal, ray.direction);
-    const dvec3 position = ray.origin + depth * ray.direction;
-    if (!(depth > 0 && depth < least) || !view.clip.contains(position, 1e-6 * depth)) continue;
-    const double value = slice_values(sliced, units, pixel, slice.plane, std::span(&depth, 1)).front();
-    if (std::isnan(value)) continue;
-    least = depth;
-    nearest = Probe{value, position, slice.opacity, {}};
-  }
-  return nearest;
+std::optional<Pick> pick_splats(const PickedSplats& splats, const Scene& scene, const TransferFunction& function,
+                                std::span<const Surface> surfaces, const ClipRegion& clip, const Looking& looking,
+                                std::optional<double> opacity) {
+  const Transfer transfer(function, scene.opacity ? &scene.opacity->function : nullptr);
+  return pick(looking.ray, splats.follow(transfer, looking, opacity), {}, scene, surfaces, clip);
 }
 
 }  // namespace splatvol

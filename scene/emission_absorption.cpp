@@ -1,4 +1,4 @@
-#include "renderer/reference/emission_absorption.h"
+#include "scene/emission_absorption.h"
 
 #include <algorithm>
 #include <cmath>

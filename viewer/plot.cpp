@@ -1,0 +1,102 @@
+#include "viewer/plot.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "viewer/window/gui_units.h"
+
+namespace splatvol {
+
+PlotRange PlotRange::with(const PlotRange& other) const {
+  return {std::min(low, other.low), std::max(high, other.high)};
+}
+
+PlotRange range_of(std::span<const double> values) {
+  PlotRange range{std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()};
+  for (const double value : values)
+    if (!std::isnan(value)) range = range.with({value, value});
+  return range;
+}
+
+std::vector<std::size_t> rows_of_plot(std::span<const double> places, std::span<const double> values,
+                                      std::size_t columns) {
+  const double first = places.front(), width = places.back() - first;
+  const auto column_of = [&](std::size_t row) {
+    return width > 0 ? std::floor((places[row] - first) / width * static_cast<double>(columns)) : 0;
+  };
+  std::vector<std::size_t> rows;
+  for (std::size_t begin = 0, end = 0; begin < places.size(); begin = end) {
+    std::array<std::size_t, 4> kept{begin, begin, begin, begin};  // least, largest, none, last
+    for (end = begin; end < places.size() && column_of(end) == column_of(begin); ++end) {
+      if (std::isnan(values[end])) {
+        kept[2] = end;
+        continue;
+      }
+      if (!(values[end] >= values[kept[0]])) kept[0] = end;
+      if (!(values[end] <= values[kept[1]])) kept[1] = end;
+    }
+    kept[3] = end - 1;
+    rows.push_back(begin);
+    std::ranges::sort(kept);
+    for (const std::size_t row : kept)
+      if (row != rows.back()) rows.push_back(row);
+  }
+  return rows;
+}
+
+Plot::Plot(std::span<const double> places, const ImVec2& size)
+    : places_(places), corner_(ImGui::GetCursorScreenPos()), size_(size) {
+  ImGui::GetWindowDrawList()->AddRectFilled(corner_, {corner_.x + size.x, corner_.y + size.y},
+                                            ImGui::GetColorU32(ImGuiCol_FrameBg));
+}
+
+float Plot::x_of(double place) const {
+  const double width = places_.back() - places_.front();
+  return corner_.x + size_.x * (width > 0 ? static_cast<float>((place - places_.front()) / width) : 0.5F);
+}
+
+void Plot::draw_area(std::span<const double> shares) const {
+  ImDrawList& list = *ImGui::GetWindowDrawList();
+  const auto rows = rows_of_plot(places_, shares, static_cast<std::size_t>(size_.x));
+  for (std::size_t k = 1; k < rows.size(); ++k) {
+    const std::size_t from = rows[k - 1], to = rows[k];
+    const float left = x_of(places_[from]), right = x_of(places_[to]);
+    const std::array<ImVec2, 4> area = {
+        {{left, y_of(0)}, {left, y_of(shares[from])}, {right, y_of(shares[to])}, {right, y_of(0)}}};
+    list.AddConvexPolyFilled(area.data(), 4, ImGui::GetColorU32(ImGuiCol_PlotHistogram, 0.25F));
+  }
+}
+
+void Plot::draw_curve(std::span<const double> values, const PlotRange& range, ImU32 color) const {
+  ImDrawList& list = *ImGui::GetWindowDrawList();
+  const double span = range.high > range.low ? range.high - range.low : 1;
+  const float width = 1.5F * gui_unit();
+  const auto rows = rows_of_plot(places_, values, static_cast<std::size_t>(size_.x));
+  const auto point_of = [&](std::size_t row) {
+    return ImVec2(x_of(places_[row]), y_of((values[row] - range.low) / span));
+  };
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    if (std::isnan(values[rows[k]])) continue;
+    const bool follows = k > 0 && !std::isnan(values[rows[k - 1]]);
+    const bool goes_on = k + 1 < rows.size() && !std::isnan(values[rows[k + 1]]);
+    if (follows) list.AddLine(point_of(rows[k - 1]), point_of(rows[k]), color, width);
+    if (!follows && !goes_on) list.AddCircleFilled(point_of(rows[k]), 1.5F * width, color);
+  }
+}
+
+void Plot::draw_cursor(double place) const {
+  if (place < places_.front() || place > places_.back()) return;
+  ImGui::GetWindowDrawList()->AddLine({x_of(place), y_of(1)}, {x_of(place), y_of(0)},
+                                      ImGui::GetColorU32(ImGuiCol_TextDisabled));
+}
+
+std::optional<double> Plot::end() const {
+  ImGui::Dummy(size_);
+  if (!ImGui::IsItemHovered()) return {};
+  const double share = static_cast<double>((ImGui::GetMousePos().x - corner_.x) / size_.x);
+  return places_.front() + std::clamp(share, 0.0, 1.0) * (places_.back() - places_.front());
+}
+
+}  // namespace splatvol
