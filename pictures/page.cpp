@@ -8,6 +8,7 @@
 
 #include "base/hypotenuse.h"
 #include "pictures/contrast.h"
+#include "pictures/line.h"
 #include "pictures/text.h"
 #include "pictures/ticks.h"
 
@@ -103,31 +104,6 @@ void add_halo(Image& words, double width, const dvec3& color) {
     }
   for (std::size_t i = 0; i < cover.size(); ++i)
     words.pixels[i] += (1 - words.pixels[i].a) * cover[i] * vec4(vec3(color), 1);
-}
-
-// Calls `draw(x, y, share)` for the pixels that a line of this width covers.
-template <class Draw>
-void visit_line(const ProjectedSegment& segment, double width, int columns, int rows, const Draw& draw) {
-  const dvec2 along = segment.to - segment.from;
-  const double length = glm::length(along);
-  if (!(length > 0)) return;
-  const int major = std::abs(along.x) >= std::abs(along.y) ? 0 : 1, minor = 1 - major;
-  const int most = major == 0 ? columns : rows, most_minor = major == 0 ? rows : columns;
-  const double slope = along[minor] / along[major];
-  const double low = std::min(segment.from[major], segment.to[major]);
-  const double high = std::max(segment.from[major], segment.to[major]);
-  const double reach = (0.5 * width + 1) * length / std::abs(along[major]);
-  for (int i = static_cast<int>(std::clamp(std::floor(low), 0.0, double(most))); i < most && i <= high; ++i) {
-    const double center = segment.from[minor] + slope * (i + 0.5 - segment.from[major]);
-    if (!(center + reach >= 0 && center - reach <= most_minor)) continue;
-    const int first = std::max(0, static_cast<int>(std::floor(center - reach)));
-    const int last = std::min(most_minor - 1, static_cast<int>(std::floor(center + reach)));
-    for (int j = first; j <= last; ++j) {
-      const double distance = std::abs(j + 0.5 - center) * std::abs(along[major]) / length;
-      const double share = std::clamp(0.5 * width + 0.5 - distance, 0.0, 1.0);
-      if (share > 0) major == 0 ? draw(i, j, share) : draw(j, i, share);
-    }
-  }
 }
 
 // Returns whether the eye sees a side of the box from outside.

@@ -179,4 +179,16 @@ std::optional<Pick> pick(const Ray& ray, const VolumeOnRay& volume, std::vector<
   return found;
 }
 
+double light_from(const Ray& ray, const VolumeOnRay& volume, std::vector<PickLayer> layers, const Scene& scene,
+                  std::span<const Surface> surfaces, const ClipRegion& clip, double distance) {
+  constexpr double beside = 1e-5;  // of the distance: surfaces are as far beside cells by rounding
+  const View along = view_along(ray, clip);
+  add_slices(scene.slices, along, volume, layers);
+  add_surfaces(surfaces, along, volume, layers);
+  double light = 1 - volume.opacity_up_to(distance);
+  for (const PickLayer& layer : layers)
+    if (layer.distance < (1 - beside) * distance) light *= 1 - layer.opacity;
+  return light;
+}
+
 }  // namespace splatvol

@@ -98,4 +98,10 @@ class VolumeOnRay {
 [[nodiscard]] std::optional<Pick> pick(const Ray& ray, const VolumeOnRay& volume, std::vector<PickLayer> layers,
                                        const Scene& scene, std::span<const Surface> surfaces, const ClipRegion& clip);
 
+/// Returns how much of the light of a place reaches the ray's origin: what is in front of it takes the rest, as in
+/// pick(). What is at the place does not hide it.
+[[nodiscard]] double light_from(const Ray& ray, const VolumeOnRay& volume, std::vector<PickLayer> layers,
+                                const Scene& scene, std::span<const Surface> surfaces, const ClipRegion& clip,
+                                double distance);
+
 }  // namespace splatvol

@@ -53,6 +53,8 @@ class Steering {
   [[nodiscard]] bool is_down(int code) const { return keys_[static_cast<std::size_t>(code)]; }
   [[nodiscard]] bool has_control() const { return is_down(key::left_control) || is_down(key::right_control); }
 
+  [[nodiscard]] bool has_shift() const { return is_down(key::left_shift) || is_down(key::right_shift); }
+
   /// Whether turns of the wheel, or moves by keys, may go on and be one change.
   [[nodiscard]] bool is_moving() const;
 
@@ -62,7 +64,6 @@ class Steering {
   bool is_flying = false;  // letters and arrows move the eye
 
  private:
-  [[nodiscard]] bool has_shift() const { return is_down(key::left_shift) || is_down(key::right_shift); }
   [[nodiscard]] bool is_held(const Session& session, const Taken& taken) const;
   void press_key(int code, Session& session, const Taken& taken);
   void drag(Session& session, const Viewport& viewport, const dvec2& moved) const;

@@ -10,7 +10,7 @@
 #include "base/json.h"
 #include "tools/export/cell_export.h"
 #include "tools/export/contour_export.h"
-#include "tools/export/line_export.h"
+#include "sampler/line_export.h"
 #include "tools/export/vdb_export.h"
 #include "tools/export/vtu_export.h"
 #include "tools/steps.h"

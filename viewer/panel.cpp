@@ -56,6 +56,7 @@ void Panel::begin() {
   path.begin(stem);
   movie.begin(stem);
   mesh.begin(stem);
+  line.begin(stem);
   planes.reset();
   surfaces_ = {};
 }
@@ -64,6 +65,7 @@ void Panel::end() {
   movie.end(true);
   save.end();
   path.stop();
+  line.end();
 }
 
 bool Panel::holds_scene() const { return ImGui::IsAnyItemActive() || path.is_playing() || movie.filming(); }
@@ -144,6 +146,7 @@ std::optional<std::string> Panel::draw_sections() {
   if (ImGui::CollapsingHeader("slices, clip planes"))
     planes.draw_panel(session.scene, session.view(), session.bounds());
   if (ImGui::CollapsingHeader("contours")) draw_contour_section(session);
+  if (ImGui::CollapsingHeader("line")) line.draw();
   return file;
 }
 

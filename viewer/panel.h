@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "viewer/line_section.h"
 #include "viewer/mesh_section.h"
 #include "viewer/movie_section.h"
 #include "viewer/path_section.h"
@@ -20,7 +21,12 @@ namespace splatvol {
 class Panel {
  public:
   explicit Panel(ViewerState& viewer)
-      : save(viewer), path(viewer, save), movie(viewer, save, path), mesh(viewer, save), viewer_(viewer) {}
+      : save(viewer),
+        path(viewer, save),
+        movie(viewer, save, path),
+        mesh(viewer, save),
+        line(viewer, save),
+        viewer_(viewer) {}
 
   struct Wishes {
     bool opens_dialog = false;
@@ -49,6 +55,7 @@ class Panel {
   PathSection path;
   MovieSection movie;
   MeshSection mesh;
+  LineSection line;
   SliceControls planes;
 
  private:

@@ -3,48 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
+#include <cstddef>
+#include <vector>
 
 #include "viewer/window/gui_units.h"
 
 namespace splatvol {
-
-PlotRange PlotRange::with(const PlotRange& other) const {
-  return {std::min(low, other.low), std::max(high, other.high)};
-}
-
-PlotRange range_of(std::span<const double> values) {
-  PlotRange range{std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity()};
-  for (const double value : values)
-    if (!std::isnan(value)) range = range.with({value, value});
-  return range;
-}
-
-std::vector<std::size_t> rows_of_plot(std::span<const double> places, std::span<const double> values,
-                                      std::size_t columns) {
-  const double first = places.front(), width = places.back() - first;
-  const auto column_of = [&](std::size_t row) {
-    return width > 0 ? std::floor((places[row] - first) / width * static_cast<double>(columns)) : 0;
-  };
-  std::vector<std::size_t> rows;
-  for (std::size_t begin = 0, end = 0; begin < places.size(); begin = end) {
-    std::array<std::size_t, 4> kept{begin, begin, begin, begin};  // least, largest, none, last
-    for (end = begin; end < places.size() && column_of(end) == column_of(begin); ++end) {
-      if (std::isnan(values[end])) {
-        kept[2] = end;
-        continue;
-      }
-      if (!(values[end] >= values[kept[0]])) kept[0] = end;
-      if (!(values[end] <= values[kept[1]])) kept[1] = end;
-    }
-    kept[3] = end - 1;
-    rows.push_back(begin);
-    std::ranges::sort(kept);
-    for (const std::size_t row : kept)
-      if (row != rows.back()) rows.push_back(row);
-  }
-  return rows;
-}
 
 Plot::Plot(std::span<const double> places, const ImVec2& size)
     : places_(places), corner_(ImGui::GetCursorScreenPos()), size_(size) {

@@ -3,27 +3,12 @@
 
 #include <imgui.h>
 
-#include <cstddef>
 #include <optional>
 #include <span>
-#include <vector>
+
+#include "pictures/plot.h"
 
 namespace splatvol {
-
-/// The least and the largest of some values; `low` > `high`: there is none.
-struct PlotRange {
-  double low, high;
-
-  [[nodiscard]] bool is_empty() const { return !(low <= high); }
-  /// Returns the range of both.
-  [[nodiscard]] PlotRange with(const PlotRange& other) const;
-};
-[[nodiscard]] PlotRange range_of(std::span<const double> values);
-
-/// Returns the numbers of rows that look like all of them in a plot of so many columns: in each column the first and
-/// the last, those of the least and the largest value, and one without a value. `places`: ascending.
-[[nodiscard]] std::vector<std::size_t> rows_of_plot(std::span<const double> places, std::span<const double> values,
-                                                    std::size_t columns);
 
 /// A plot at the place of the next control. Each row has a place; two may have the same, where values jump.
 class Plot {

@@ -82,7 +82,7 @@ void draw_plot(const Pick& pick, const format::Attribute& attribute) {
 }  // namespace
 
 void Probes::end() {
-  pin_.reset();
+  unpin();
   forget();
 }
 
@@ -177,10 +177,23 @@ void Probes::forget() {
 
 void Probes::pin(const dvec2& position) {
   if (!viewer_.shown.probe || !viewer_.session || viewer_.session->shown_number() == 0) return;
+  unpin();
   pin_ = Pin{looking_at(position)};
 }
 
-void Probes::draw(bool is_at_rest, bool over_picture) {
+void Probes::pin_end(const dvec2& position) {
+  if (!pin_) return pin(position);
+  end_ = Pin{looking_at(position)};
+}
+
+std::optional<std::array<dvec3, 2>> Probes::take_ends() {
+  if (!pin_ || !pin_->pick || !end_ || !end_->pick) return {};
+  const dvec3 end = end_->pick->position;
+  end_.reset();
+  return std::array{pin_->pick->position, end};
+}
+
+void Probes::draw(bool is_at_rest, bool over_picture, bool has_plot) {
   if (viewer_.session->shown_number() == 0) return;
   is_at_rest = is_at_rest && !viewer_.session->is_reading();
   const dvec2 pointer = viewer_.steering.pointer();
@@ -189,23 +202,32 @@ void Probes::draw(bool is_at_rest, bool over_picture) {
     forget();
   } else {
     if (over_picture && pointer.x >= viewer_.picture_area().left) hovered = question_about(looking_at(pointer));
-    look_at_pin();
-    if (is_busy() && asked_ != hovered && !(pin_ && asked_->looking == pin_->looking)) answer_.interrupt();
+    look_at(pin_);
+    look_at(end_);
+    if (is_busy() && !is_wanted(*asked_, hovered)) answer_.interrupt();
   }
-  draw_pinned();
+  draw_ring();
+  if (has_plot) draw_pinned();
   if (hovered) draw_hovered(*hovered);
 }
 
-// The pin goes before the pointer.
-void Probes::look_at_pin() {
-  if (!pin_) return;
-  const auto question = question_about(pin_->looking);
+bool Probes::is_wanted(const Question& asked, const std::optional<Question>& hovered) const {
+  const auto is_of = [&](const std::optional<Pin>& pin) { return pin && pin->looking == asked.looking; };
+  return asked == hovered || is_of(pin_) || is_of(end_);
+}
+
+// Pins go before the pointer.
+void Probes::look_at(std::optional<Pin>& pin) {
+  if (!pin) return;
+  const auto question = question_about(pin->looking);
   if (!question) return;
   if (const auto* answer = answer_to(*question)) {
-    pin_->asked = question;
-    pin_->pick = *answer;
-    if (!pin_->pick) pin_.reset();  // nothing is there
-  } else if (pin_->asked != question) {
+    pin->asked = question;
+    pin->pick = *answer;
+    if (pin->pick) return;
+    if (&pin == &end_) viewer_.messages.note("nothing is there: a line ends where something is");
+    pin.reset();
+  } else if (pin->asked != question) {
     ask(*question);
   }
 }
@@ -217,24 +239,27 @@ void Probes::draw_hovered(const Question& question) {
   if (*answer) ImGui::SetTooltip("%s", words_of(**answer, *viewer_.session).c_str());
 }
 
-// Shows the pinned probe: a ring where its value is, and a window.
-void Probes::draw_pinned() {
+// Shows where the pinned value is.
+void Probes::draw_ring() const {
   if (!pin_ || !pin_->pick) return;
-  const Pick& pick = *pin_->pick;
-  const PictureArea area = viewer_.picture_area();
-  const View& view = viewer_.session->view();
-  const float scale = viewer_.scale();
-  const dvec3 at = view.to_view(pick.position);
-  if (view.orthographic || at.z > 0) {
-    const double by = view.focal / (view.orthographic ? 1 : at.z);
-    const ImVec2 center(static_cast<float>(area.left + area.unit_x * (by * at.x + 0.5 * view.width)),
-                        static_cast<float>(area.unit_y * (0.5 * view.height - by * at.y)));
+  if (const auto at = viewer_.window_position(pin_->pick->position)) {
+    const float scale = viewer_.scale();
+    const ImVec2 center(static_cast<float>(at->x), static_cast<float>(at->y));
     ImDrawList& list = *ImGui::GetBackgroundDrawList();
+    const PictureArea area = viewer_.picture_area();
     list.PushClipRect({static_cast<float>(area.left), 0}, {static_cast<float>(area.left + area.width), 1e6f});
     list.AddCircle(center, 6 * scale, IM_COL32(0, 0, 0, 255), 24, 3 * scale);
     list.AddCircle(center, 6 * scale, IM_COL32(255, 255, 255, 255), 24, 1.5f * scale);
     list.PopClipRect();
   }
+}
+
+// Shows the pinned value and its plot in a window.
+void Probes::draw_pinned() {
+  if (!pin_ || !pin_->pick) return;
+  const Pick& pick = *pin_->pick;
+  const PictureArea area = viewer_.picture_area();
+  const float scale = viewer_.scale();
   ImGui::SetNextWindowPos({static_cast<float>(area.left) + 8 * scale, static_cast<float>(area.height) - 8 * scale},
                           ImGuiCond_Appearing, {0, 1});
   bool stays = true;
@@ -251,7 +276,7 @@ void Probes::draw_pinned() {
   if (ImGui::SmallButton("copy plot")) ImGui::SetClipboardText(table_of(pick, session.attribute()).c_str());
   hint("Copies the table of distance, value and opacity.");
   ImGui::End();
-  if (!stays) pin_.reset();
+  if (!stays) unpin();
 }
 
 }  // namespace splatvol

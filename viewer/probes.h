@@ -1,6 +1,7 @@
 // The viewer's probes: beside the pointer, and pinned with a plot.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -27,15 +28,22 @@ class Probes {
 
   /// Pins the line of sight at a position in the window.
   void pin(const dvec2& position);
-  void unpin() { pin_.reset(); }
+  void unpin() { pin_.reset(), end_.reset(); }
   [[nodiscard]] bool has_pin() const { return pin_.has_value(); }
+
+  /// Sets a second pin, where a line from the first one ends. Without a pin, it is the first.
+  void pin_end(const dvec2& position);
+
+  /// Returns the positions of two pins, once.
+  [[nodiscard]] std::optional<std::array<dvec3, 2>> take_ends();
 
   /// Lets go of the session's splats, and of the pin.
   void end();
 
   /// Draws the probes. Answers come from a job, and only at rest: while the picture changes, nobody holds its splats,
-  /// and nobody waits for its values. `over_picture`: the pointer is not over a control.
-  void draw(bool is_at_rest, bool over_picture);
+  /// and nobody waits for its values. `over_picture`: the pointer is not over a control. `has_plot`: the pin has a
+  /// window.
+  void draw(bool is_at_rest, bool over_picture, bool has_plot);
 
  private:
   struct Question {
@@ -67,12 +75,14 @@ class Probes {
   void ask_splats(const Question& question);
   [[nodiscard]] const std::optional<Pick>* answer_to(const Question& question) const;
   void forget();
-  void look_at_pin();
+  void look_at(std::optional<Pin>& pin);
+  [[nodiscard]] bool is_wanted(const Question& asked, const std::optional<Question>& hovered) const;
   void draw_hovered(const Question& question);
+  void draw_ring() const;
   void draw_pinned();
 
   ViewerState& viewer_;
-  std::optional<Pin> pin_;
+  std::optional<Pin> pin_, end_;
   std::optional<Question> asked_;  // that the job answers
   std::optional<Question> answered_;
   Answer last_;  // to it; its splats serve other questions about the frame

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <memory>
+#include <optional>
 
 #include "player/events.h"
 #include "player/session.h"
@@ -34,6 +35,9 @@ struct ViewerState {
 
   /// Beside the panel, and at least one pixel wide.
   [[nodiscard]] PictureArea picture_area() const;
+
+  /// Returns where a position is in the window; none behind the eye. Requires a session.
+  [[nodiscard]] std::optional<dvec2> window_position(const dvec3& position) const;
 
   /// Returns the size of the window's picture, in pixels.
   [[nodiscard]] std::array<int, 2> picture_size() const;

@@ -228,7 +228,7 @@ bool Viewer::rests(double seconds) const {
   const Session* session = state_.session.get();
   if (is_note_over(seconds)) return false;
   if (state_.steering.is_moving() || panel_.is_saving()) return false;
-  if (probes_.is_busy() || panel_.mesh.is_saving() || windows_wait_seconds()) return false;
+  if (probes_.is_busy() || panel_.line.is_busy() || panel_.mesh.is_saving() || windows_wait_seconds()) return false;
   return events_.is_empty() && !is_busy() && state_.pending_frames == 0 && !panel_.path.is_playing() &&
          !state_.steering.flies_on() && (!session || (session->is_settled() && !session->is_playing()));
 }
@@ -237,7 +237,7 @@ bool Viewer::awaits_picture(double seconds) const {
   const Session* session = state_.session.get();
   if (!session || !session->awaits_picture()) return false;
   if (!events_.is_empty() || state_.pending_frames > 0) return false;
-  if (opening_ || probes_.is_busy() || session->is_reading()) return false;
+  if (opening_ || probes_.is_busy() || panel_.line.is_busy() || session->is_reading()) return false;
   const bool ends_pause = is_busy() && idle_seconds_ + seconds >= pause_seconds;
   const std::optional<double> waiting = windows_wait_seconds();
   return !ends_pause && !is_note_over(seconds) && !(waiting && seconds >= *waiting);
@@ -282,10 +282,18 @@ void Viewer::handle(const Event& event) {
   }
   const Steering::Effect effect = state_.steering.handle(event, session, picture, taken(is_taken));
   if (effect.moves_camera) panel_.path.stop();
-  if (effect.clicked) probes_.pin(*effect.clicked), began_[Ending::pin] = 0;
+  if (effect.clicked) click(*effect.clicked);
   if (effect.pressed) press_key(*effect.pressed);
   if (button && button->button == 0 && !button->down) planes.release();
   note_beginnings();
+}
+
+// Pins the place, or ends a line there.
+void Viewer::click(const dvec2& position) {
+  if (state_.steering.has_shift()) return probes_.pin_end(position);
+  probes_.pin(position);
+  panel_.line.hide();
+  began_[Ending::pin] = 0;
 }
 
 // Gives numbers to what has begun since the last call.
@@ -297,6 +305,8 @@ void Viewer::note_beginnings() {
   there[Ending::opening] = opening_ != nullptr;
   there[Ending::reading] = session && (session->is_reading() || session->is_fitting());
   there[Ending::pin] = probes_.has_pin();
+  there[Ending::line] = panel_.line.is_shown();
+  there[Ending::steps] = panel_.line.has_steps();
   there[Ending::movie] = panel_.movie.can_end();
   for (std::size_t i = 0; i < Ending::count; ++i)
     if (!there[i] || began_[i] == 0) began_[i] = there[i] ? state_.messages.take_number() : 0;
@@ -308,6 +318,8 @@ void Viewer::end(std::size_t thing) {
   if (thing == Ending::opening) end_opening();
   if (thing == Ending::reading) state_.session->cancel_reading();
   if (thing == Ending::pin) probes_.unpin();
+  if (thing == Ending::line) panel_.line.hide();
+  if (thing == Ending::steps) panel_.line.end_steps();
   if (thing == Ending::movie) panel_.movie.end(false);
 }
 
@@ -378,7 +390,8 @@ void Viewer::take_events(const FrameInput& input) {
   if (!input.events.empty()) state_.pending_frames = 3;
   state_.pending_frames = std::max(0, state_.pending_frames - 1);
   for (const Event& event : input.events) handle(event);
-  if (probes_.take_answer()) state_.pending_frames = 3;  // a new tooltip appears a frame later
+  const bool has_line_news = panel_.line.take_answers();
+  if (probes_.take_answer() || has_line_news) state_.pending_frames = 3;  // a new tooltip appears a frame later
   opening_seconds_ += input.seconds;
   const bool reads = state_.session && (state_.session->is_reading() || state_.session->is_fitting());
   reading_seconds_ = reads ? reading_seconds_ + input.seconds : 0;
@@ -517,7 +530,9 @@ void Viewer::draw_overlays() {
   canvas.PopClipRect();
   if (shown.hud) hud_bottom_ = draw_hud(state_, frame_seconds_);
   const bool is_at_rest = !state_.steering.is_dragging() && !panel_.planes.is_held() && !is_busy();
-  if (shown.probe) probes_.draw(is_at_rest, !gui_->has_pointer());
+  if (const auto ends = probes_.take_ends()) panel_.line.show(*ends);
+  if (shown.probe) probes_.draw(is_at_rest, !gui_->has_pointer(), !panel_.line.is_shown());
+  panel_.line.draw_line(is_at_rest, !gui_->has_pointer());
 }
 
 void Viewer::draw_toasts() {

@@ -104,6 +104,7 @@ class Viewer {
   [[nodiscard]] Status open_color_maps(const std::string& path);
   void take_events(const FrameInput& given);
   void handle(const Event& event);
+  void click(const dvec2& position);
   void press_key(int code);
   void press_escape();
   void note_beginnings();
@@ -125,7 +126,7 @@ class Viewer {
 
   // What Esc ends, besides dialogs and errors.
   struct Ending {
-    enum : std::size_t { help, list, opening, reading, pin, movie, count };
+    enum : std::size_t { help, list, opening, reading, pin, line, steps, movie, count };
   };
 
   ViewerState state_;

@@ -1,4 +1,4 @@
-#include "tools/export/line_export.h"
+#include "sampler/line_export.h"
 
 #include <fmt/format.h>
 
