@@ -116,6 +116,7 @@ void draw_keys(ViewerState& viewer) {
       {"control drag", "roll"},
       {"wheel", "zoom to the pointer; with shift, or sideways: move"},
       {"click", "pin the value and its plot along the line of sight"},
+      {"shift click", "end a line from the pin there"},
       {"R", "see all again"},
       {"1 2 3 4", "from +x, +y, +z, a corner; with shift from the other side"},
       {"N", "along the normal of the selected plane"},
@@ -131,7 +132,7 @@ void draw_keys(ViewerState& viewer) {
       {"control O, W", "open a file, close it"},
       {"control C", "copy a command that shows the same"},
       {"M", "all messages so far"},
-      {"Esc", "end what began last: reading, a movie, a pin, an error, a list"},
+      {"Esc", "end what began last: reading, a movie, a pin, a line, an error, a list"},
       {"F1", "this list"},
       {"control Q", "quit"},
   };

@@ -17,7 +17,7 @@ namespace splatvol {
 /// What is shown besides the picture.
 struct Shown {
   bool panel = true, covering_panel = false, panel_right = false;
-  bool help = false, hud = true, axes = true, scalar_bar = true, cut = false, probe = true;
+  bool help = false, hud = true, axes = true, scalar_bar = true, cut = false, values = true;
   bool light = false;  // the interface's theme
 };
 

@@ -119,7 +119,7 @@ void draw_shown_controls(Scene& scene, Shown& shown) {
   ImGui::SameLine();
   ImGui::Checkbox("octree cut", &shown.cut);
   ImGui::SameLine();
-  ImGui::Checkbox("probe", &shown.probe);
+  ImGui::Checkbox("values", &shown.values);
   ImGui::Checkbox("light theme", &shown.light);
   ImGui::SameLine();
   ImGui::Checkbox("panel at the right", &shown.panel_right);

@@ -26,7 +26,7 @@ constexpr double longest_first_wait = 0.15;
 }  // namespace
 
 Viewer::Viewer(const ViewerOptions& options)
-    : settings_(options.settings), recent_files_(options.recent_files), panel_(state_), probes_(state_) {
+    : settings_(options.settings), recent_files_(options.recent_files), panel_(state_), pins_(state_) {
   state_.window = options.window;
 }
 
@@ -143,7 +143,7 @@ void Viewer::end_session() {
   previewed_.reset();
   told_troubles_ = 0;
   state_.messages.end_question();
-  probes_.end();
+  pins_.end();
 }
 
 void Viewer::stop_playing() {
@@ -228,7 +228,7 @@ bool Viewer::rests(double seconds) const {
   const Session* session = state_.session.get();
   if (is_note_over(seconds)) return false;
   if (state_.steering.is_moving() || panel_.is_saving()) return false;
-  if (probes_.is_busy() || panel_.line.is_busy() || panel_.mesh.is_saving() || windows_wait_seconds()) return false;
+  if (pins_.is_busy() || panel_.line.is_busy() || panel_.mesh.is_saving() || windows_wait_seconds()) return false;
   return events_.is_empty() && !is_busy() && state_.pending_frames == 0 && !panel_.path.is_playing() &&
          !state_.steering.flies_on() && (!session || (session->is_settled() && !session->is_playing()));
 }
@@ -237,7 +237,7 @@ bool Viewer::awaits_picture(double seconds) const {
   const Session* session = state_.session.get();
   if (!session || !session->awaits_picture()) return false;
   if (!events_.is_empty() || state_.pending_frames > 0) return false;
-  if (opening_ || probes_.is_busy() || panel_.line.is_busy() || session->is_reading()) return false;
+  if (opening_ || pins_.is_busy() || panel_.line.is_busy() || session->is_reading()) return false;
   const bool ends_pause = is_busy() && idle_seconds_ + seconds >= pause_seconds;
   const std::optional<double> waiting = windows_wait_seconds();
   return !ends_pause && !is_note_over(seconds) && !(waiting && seconds >= *waiting);
@@ -290,8 +290,8 @@ void Viewer::handle(const Event& event) {
 
 // Pins the place, or ends a line there.
 void Viewer::click(const dvec2& position) {
-  if (state_.steering.has_shift()) return probes_.pin_end(position);
-  probes_.pin(position);
+  if (state_.steering.has_shift()) return pins_.pin_end(position);
+  pins_.pin(position);
   panel_.line.hide();
   began_[Ending::pin] = 0;
 }
@@ -304,7 +304,7 @@ void Viewer::note_beginnings() {
   there[Ending::list] = state_.messages.is_list_open();
   there[Ending::opening] = opening_ != nullptr;
   there[Ending::reading] = session && (session->is_reading() || session->is_fitting());
-  there[Ending::pin] = probes_.has_pin();
+  there[Ending::pin] = pins_.has_pin();
   there[Ending::line] = panel_.line.is_shown();
   there[Ending::steps] = panel_.line.has_steps();
   there[Ending::movie] = panel_.movie.can_end();
@@ -317,7 +317,7 @@ void Viewer::end(std::size_t thing) {
   if (thing == Ending::list) state_.messages.toggle_list();
   if (thing == Ending::opening) end_opening();
   if (thing == Ending::reading) state_.session->cancel_reading();
-  if (thing == Ending::pin) probes_.unpin();
+  if (thing == Ending::pin) pins_.unpin();
   if (thing == Ending::line) panel_.line.hide();
   if (thing == Ending::steps) panel_.line.end_steps();
   if (thing == Ending::movie) panel_.movie.end(false);
@@ -391,7 +391,7 @@ void Viewer::take_events(const FrameInput& input) {
   state_.pending_frames = std::max(0, state_.pending_frames - 1);
   for (const Event& event : input.events) handle(event);
   const bool has_line_news = panel_.line.take_answers();
-  if (probes_.take_answer() || has_line_news) state_.pending_frames = 3;  // a new tooltip appears a frame later
+  if (pins_.take_answer() || has_line_news) state_.pending_frames = 3;  // a new tooltip appears a frame later
   opening_seconds_ += input.seconds;
   const bool reads = state_.session && (state_.session->is_reading() || state_.session->is_fitting());
   reading_seconds_ = reads ? reading_seconds_ + input.seconds : 0;
@@ -530,8 +530,8 @@ void Viewer::draw_overlays() {
   canvas.PopClipRect();
   if (shown.hud) hud_bottom_ = draw_hud(state_, frame_seconds_);
   const bool is_at_rest = !state_.steering.is_dragging() && !panel_.planes.is_held() && !is_busy();
-  if (const auto ends = probes_.take_ends()) panel_.line.show(*ends);
-  if (shown.probe) probes_.draw(is_at_rest, !gui_->has_pointer(), !panel_.line.is_shown());
+  if (const auto ends = pins_.take_ends()) panel_.line.show(*ends);
+  if (shown.values) pins_.draw(is_at_rest, !gui_->has_pointer(), !panel_.line.is_shown());
   panel_.line.draw_line(is_at_rest, !gui_->has_pointer());
 }
 

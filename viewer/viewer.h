@@ -13,7 +13,7 @@
 #include "viewer/file_dialog.h"
 #include "viewer/opening.h"
 #include "viewer/panel.h"
-#include "viewer/probes.h"
+#include "viewer/pins.h"
 #include "viewer/recent_files.h"
 #include "viewer/state.h"
 #include "viewer/window/gui.h"
@@ -142,7 +142,7 @@ class Viewer {
   FileDialog dialog_;
   RecentFiles recent_files_;
   Panel panel_;
-  Probes probes_;
+  Pins pins_;
 
   std::array<std::uint64_t, Ending::count> began_{};  // Messages::take_number() when it began; 0: it is not there
   std::size_t told_troubles_ = 0;                     // of the session's

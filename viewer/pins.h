@@ -1,4 +1,4 @@
-// The viewer's probes: beside the pointer, and pinned with a plot.
+// What is under the pointer, and what is pinned, with a plot.
 #pragma once
 
 #include <array>
@@ -16,9 +16,9 @@ namespace splatvol {
 
 /// Asks one question at a time. Cells answer, also while a picture is drawn. Where there are none, the splats of the
 /// frame do, and between questions about one frame they need not be looked at again.
-class Probes {
+class Pins {
  public:
-  explicit Probes(ViewerState& viewer) : viewer_(viewer) {}
+  explicit Pins(ViewerState& viewer) : viewer_(viewer) {}
 
   /// Takes an answer that is there; false: there is none. Called in each frame.
   bool take_answer();
@@ -40,9 +40,9 @@ class Probes {
   /// Lets go of the session's splats, and of the pin.
   void end();
 
-  /// Draws the probes. Answers come from a job, and only at rest: while the picture changes, nobody holds its splats,
-  /// and nobody waits for its values. `over_picture`: the pointer is not over a control. `has_plot`: the pin has a
-  /// window.
+  /// Draws values and pins. Answers come from a job, and only at rest: while the picture changes, nobody holds its
+  /// splats, and nobody waits for its values. `over_picture`: the pointer is not over a control. `has_plot`: the pin
+  /// has a window.
   void draw(bool is_at_rest, bool over_picture, bool has_plot);
 
  private:

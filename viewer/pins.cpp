@@ -1,4 +1,4 @@
-#include "viewer/probes.h"
+#include "viewer/pins.h"
 
 #include <fmt/format.h>
 #include <imgui.h>
@@ -81,13 +81,13 @@ void draw_plot(const Pick& pick, const format::Attribute& attribute) {
 
 }  // namespace
 
-void Probes::end() {
+void Pins::end() {
   unpin();
   forget();
 }
 
 // Looks through the middle of the pixel at a position in the window.
-Looking Probes::looking_at(const dvec2& position) const {
+Looking Pins::looking_at(const dvec2& position) const {
   const PictureArea area = viewer_.picture_area();
   const dvec2 at((position.x - area.left) / area.unit_x, position.y / area.unit_y);
   const dvec2 pixel = glm::floor(at) + 0.5;
@@ -95,7 +95,7 @@ Looking Probes::looking_at(const dvec2& position) const {
 }
 
 // None while splats are drawn that would answer.
-std::optional<Probes::Question> Probes::question_about(const Looking& looking) const {
+std::optional<Pins::Question> Pins::question_about(const Looking& looking) const {
   Session& session = *viewer_.session;
   Question question{looking, session.drawn_scene(), session.step()};
   question.scene.camera = {};
@@ -109,7 +109,7 @@ std::optional<Probes::Question> Probes::question_about(const Looking& looking) c
 }
 
 // The picture tells the opacity of lines of sight from its eye.
-std::optional<double> Probes::opacity_of(const Looking& looking) const {
+std::optional<double> Pins::opacity_of(const Looking& looking) const {
   const View& view = viewer_.session->view();
   const dvec3 at = view.to_view(looking.ray.origin + looking.ray.direction);
   const dvec3 from = view.to_view(looking.ray.origin);
@@ -121,13 +121,13 @@ std::optional<double> Probes::opacity_of(const Looking& looking) const {
                     static_cast<int>(std::floor(0.5 * view.height - in_picture.y)));
 }
 
-void Probes::ask(const Question& question) {
+void Pins::ask(const Question& question) {
   if (is_busy() || answered_ == question) return;
   asked_ = question;
   question.of_cells ? ask_cells(question) : ask_splats(question);
 }
 
-void Probes::ask_cells(const Question& question) {
+void Pins::ask_cells(const Question& question) {
   last_ = {};
   const Session& session = *viewer_.session;
   answer_ = {viewer_.host,
@@ -140,7 +140,7 @@ void Probes::ask_cells(const Question& question) {
 }
 
 // Copies the frame's lists, unless the frame is known.
-void Probes::ask_splats(const Question& question) {
+void Pins::ask_splats(const Question& question) {
   const Session& session = *viewer_.session;
   auto known = answered_ && answered_->serial == question.serial ? last_.splats : nullptr;
   last_ = {};
@@ -155,7 +155,7 @@ void Probes::ask_splats(const Question& question) {
   answer_ = {viewer_.host, std::move(answer)};
 }
 
-bool Probes::take_answer() {
+bool Pins::take_answer() {
   if (!is_busy() || !answer_.wait()) return false;
   last_ = answer_.take();
   answered_ = std::exchange(asked_, {});
@@ -164,36 +164,36 @@ bool Probes::take_answer() {
 }
 
 // Null until it is there.
-const std::optional<Pick>* Probes::answer_to(const Question& question) const {
+const std::optional<Pick>* Pins::answer_to(const Question& question) const {
   return answered_ == question ? &last_.pick : nullptr;
 }
 
 // Lets go of the frame's rows, unless an answer is on its way.
-void Probes::forget() {
+void Pins::forget() {
   if (is_busy()) return answer_.interrupt();
   last_ = {};
   answered_.reset();
 }
 
-void Probes::pin(const dvec2& position) {
-  if (!viewer_.shown.probe || !viewer_.session || viewer_.session->shown_number() == 0) return;
+void Pins::pin(const dvec2& position) {
+  if (!viewer_.shown.values || !viewer_.session || viewer_.session->shown_number() == 0) return;
   unpin();
   pin_ = Pin{looking_at(position)};
 }
 
-void Probes::pin_end(const dvec2& position) {
+void Pins::pin_end(const dvec2& position) {
   if (!pin_) return pin(position);
   end_ = Pin{looking_at(position)};
 }
 
-std::optional<std::array<dvec3, 2>> Probes::take_ends() {
+std::optional<std::array<dvec3, 2>> Pins::take_ends() {
   if (!pin_ || !pin_->pick || !end_ || !end_->pick) return {};
   const dvec3 end = end_->pick->position;
   end_.reset();
   return std::array{pin_->pick->position, end};
 }
 
-void Probes::draw(bool is_at_rest, bool over_picture, bool has_plot) {
+void Pins::draw(bool is_at_rest, bool over_picture, bool has_plot) {
   if (viewer_.session->shown_number() == 0) return;
   is_at_rest = is_at_rest && !viewer_.session->is_reading();
   const dvec2 pointer = viewer_.steering.pointer();
@@ -211,13 +211,13 @@ void Probes::draw(bool is_at_rest, bool over_picture, bool has_plot) {
   if (hovered) draw_hovered(*hovered);
 }
 
-bool Probes::is_wanted(const Question& asked, const std::optional<Question>& hovered) const {
+bool Pins::is_wanted(const Question& asked, const std::optional<Question>& hovered) const {
   const auto is_of = [&](const std::optional<Pin>& pin) { return pin && pin->looking == asked.looking; };
   return asked == hovered || is_of(pin_) || is_of(end_);
 }
 
 // Pins go before the pointer.
-void Probes::look_at(std::optional<Pin>& pin) {
+void Pins::look_at(std::optional<Pin>& pin) {
   if (!pin) return;
   const auto question = question_about(pin->looking);
   if (!question) return;
@@ -233,14 +233,14 @@ void Probes::look_at(std::optional<Pin>& pin) {
 }
 
 // Shows the value beside the pointer.
-void Probes::draw_hovered(const Question& question) {
+void Pins::draw_hovered(const Question& question) {
   const auto* answer = answer_to(question);
   if (!answer) return ask(question);
   if (*answer) ImGui::SetTooltip("%s", words_of(**answer, *viewer_.session).c_str());
 }
 
 // Shows where the pinned value is.
-void Probes::draw_ring() const {
+void Pins::draw_ring() const {
   if (!pin_ || !pin_->pick) return;
   if (const auto at = viewer_.window_position(pin_->pick->position)) {
     const float scale = viewer_.scale();
@@ -255,7 +255,7 @@ void Probes::draw_ring() const {
 }
 
 // Shows the pinned value and its plot in a window.
-void Probes::draw_pinned() {
+void Pins::draw_pinned() {
   if (!pin_ || !pin_->pick) return;
   const Pick& pick = *pin_->pick;
   const PictureArea area = viewer_.picture_area();
