@@ -58,7 +58,7 @@ Result<std::vector<double>> read_steps(const format::Steps& steps, const std::st
   return values;
 }
 
-Result<std::vector<double>> light_from(const SharedCells& cells, const Scene& scene, std::span<const Surface> surfaces,
+Result<std::vector<double>> light_from(const KeptCells& cells, const Scene& scene, std::span<const Surface> surfaces,
                                        const View& view, std::span<const dvec3> places) {
   std::vector<double> lights;
   for (const dvec3& place : places) {
@@ -69,7 +69,7 @@ Result<std::vector<double>> light_from(const SharedCells& cells, const Scene& sc
     const Ray ray{eye, glm::normalize(place - eye)};
     ClipRegion in_front = view.clip;
     in_front.planes.push_back({place, -ray.direction});
-    SPLATVOL_TRY_ASSIGN(on_ray, CellRay::follow(*cells.kept, scene, in_front, ray));
+    SPLATVOL_TRY_ASSIGN(on_ray, CellRay::follow(cells, scene, in_front, ray));
     lights.back() =
         light_from(ray, on_ray, on_ray.layers_of_contours(), scene, surfaces, in_front, glm::length(place - eye));
   }

@@ -10,10 +10,10 @@
 #include "base/error.h"
 #include "base/math.h"
 #include "format/steps.h"
-#include "player/cell_pictures.h"
 #include "renderer/surfaces/surface.h"
 #include "sampler/cell_line.h"
 #include "scene/scene.h"
+#include "streamer/cells/file_cells.h"
 
 namespace splatvol {
 
@@ -45,7 +45,7 @@ struct LineRequest {
 /// Returns how much of the light of each of some places reaches the eye of a view, [0, 1]: the volume, slices, contours
 /// and surfaces in front of it take the rest. `scene`: of the view. 0 behind the eye. Heeds an interruption. Fails as
 /// follow_line().
-[[nodiscard]] Result<std::vector<double>> light_from(const SharedCells& cells, const Scene& scene,
+[[nodiscard]] Result<std::vector<double>> light_from(const KeptCells& cells, const Scene& scene,
                                                      std::span<const Surface> surfaces, const View& view,
                                                      std::span<const dvec3> places);
 

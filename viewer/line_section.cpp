@@ -252,7 +252,7 @@ void LineSection::ask_lights() {
   asked_seen_ = now;
   lighting_ = {viewer_.host,
                [now, cells = *cells, surfaces = session.surfaces(), places = places()] {
-                 return light_from(cells, now.scene, surfaces, now.view, places);
+                 return light_from(*cells.kept, now.scene, surfaces, now.view, places);
                },
                SessionHost::Priority::low};
 }

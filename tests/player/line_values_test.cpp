@@ -92,7 +92,7 @@ TEST_F(LineValues, WhatIsInFrontHidesAPlace) {
   const auto lights = [&] {
     const auto volume = value_of(steps().volume(0));
     const auto kept = value_of(KeptCells::open(*volume, scene, own_room(std::uint64_t{16} << 20)));
-    return value_of(light_from({nullptr, volume, kept}, scene, {}, value_of(make_view(scene)), places));
+    return value_of(light_from(*kept, scene, {}, value_of(make_view(scene)), places));
   };
   for (const bool orthographic : {false, true}) {
     scene.camera.projection = orthographic ? Camera::Projection::orthographic : Camera::Projection::perspective;
