@@ -130,7 +130,8 @@ std::vector<PickLayer> CellRay::layers_of_contours() const {
 }
 
 Result<std::optional<Pick>> pick_cells(const KeptCells& cells, const Scene& scene, std::span<const Surface> surfaces,
-                                       const ClipRegion& clip, const Ray& ray) {
+                                       const Ray& ray) {
+  const ClipRegion clip = clip_region_of(scene);
   SPLATVOL_TRY_ASSIGN(on_ray, CellRay::follow(cells, scene, clip, ray));
   return pick(ray, on_ray, on_ray.layers_of_contours(), scene, surfaces, clip);
 }

@@ -47,7 +47,6 @@ class CellRay final : public VolumeOnRay {
 
 /// Picks in a scene whose surfaces are there. Fails as CellRay::follow.
 [[nodiscard]] Result<std::optional<Pick>> pick_cells(const KeptCells& cells, const Scene& scene,
-                                                     std::span<const Surface> surfaces, const ClipRegion& clip,
-                                                     const Ray& ray);
+                                                     std::span<const Surface> surfaces, const Ray& ray);
 
 }  // namespace splatvol

@@ -301,10 +301,10 @@ PickedValue PickedSplats::OnRay::value_on(const Plane& slice, double distance) c
 }
 
 std::optional<Pick> pick_splats(const PickedSplats& splats, const Scene& scene, const TransferFunction& function,
-                                std::span<const Surface> surfaces, const ClipRegion& clip, const Looking& looking,
+                                std::span<const Surface> surfaces, const Looking& looking,
                                 std::optional<double> opacity) {
   const Transfer transfer(function, scene.opacity ? &scene.opacity->function : nullptr);
-  return pick(looking.ray, splats.follow(transfer, looking, opacity), {}, scene, surfaces, clip);
+  return pick(looking.ray, splats.follow(transfer, looking, opacity), {}, scene, surfaces, clip_region_of(scene));
 }
 
 }  // namespace splatvol

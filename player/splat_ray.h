@@ -67,7 +67,6 @@ class PickedSplats::OnRay final : public VolumeOnRay {
 /// Picks in a scene whose surfaces are there. Shells of `function` stand for contours. `opacity`: as in follow.
 [[nodiscard]] std::optional<Pick> pick_splats(const PickedSplats& splats, const Scene& scene,
                                               const TransferFunction& function, std::span<const Surface> surfaces,
-                                              const ClipRegion& clip, const Looking& looking,
-                                              std::optional<double> opacity = {});
+                                              const Looking& looking, std::optional<double> opacity = {});
 
 }  // namespace splatvol

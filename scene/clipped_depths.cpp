@@ -6,6 +6,13 @@
 
 namespace splatvol {
 
+ClipRegion clip_region_of(const Scene& scene) {
+  ClipRegion clip{scene.clip_box, {}};
+  for (const SceneClipPlane& plane : scene.clip_planes)
+    if (plane.active) clip.planes.push_back(make_plane(plane.point, plane.normal));
+  return clip;
+}
+
 VisibleDepths clipped_depths(const View& view, double a, double b) {
   VisibleDepths range{0, std::numeric_limits<double>::infinity()};
   const dvec3 aside = a * view.right + b * view.up;

@@ -5,6 +5,9 @@
 
 namespace splatvol {
 
+/// Returns what a scene's clip box and active clip planes leave.
+[[nodiscard]] ClipRegion clip_region_of(const Scene& scene);
+
 /// Depths (view coordinate z) between which something is shown; empty unless from < to.
 struct VisibleDepths {
   double from, to;

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "scene/clipped_depths.h"
 #include "scene/scene.h"
 
 namespace splatvol {
@@ -72,9 +73,7 @@ Result<View> make_view(const Camera& camera, int width, int height) {
 
 Result<View> make_view(const Scene& scene) {
   SPLATVOL_TRY_ASSIGN(view, make_view(scene.camera, scene.width, scene.height));
-  view.clip.box = scene.clip_box;
-  for (const SceneClipPlane& plane : scene.clip_planes)
-    if (plane.active) view.clip.planes.push_back(make_plane(plane.point, plane.normal));
+  view.clip = clip_region_of(scene);
   for (const SceneSlice& slice : scene.slices)
     if (slice.shown && slice.opacity > 0)
       view.slices.push_back({make_plane(slice.point, slice.normal), std::min(slice.opacity, 1.0)});

@@ -83,6 +83,7 @@ void draw_plot(const Pick& pick, const format::Attribute& attribute) {
 
 void Pins::end() {
   unpin();
+  answer_.end();
   forget();
 }
 
@@ -131,9 +132,8 @@ void Pins::ask_cells(const Question& question) {
   last_ = {};
   const Session& session = *viewer_.session;
   answer_ = {viewer_.host,
-             [question, cells = *viewer_.session->cells_for_picks(), surfaces = session.surfaces(),
-              clip = session.view().clip]() -> Answer {
-               auto found = pick_cells(*cells.kept, question.scene, surfaces, clip, question.looking.ray);
+             [question, cells = *viewer_.session->cells_for_picks(), surfaces = session.surfaces()]() -> Answer {
+               auto found = pick_cells(*cells.kept, question.scene, surfaces, question.looking.ray);
                if (!found) return {.is_cancelled = found.error().code == ErrorCode::cancelled};
                return {.pick = *std::move(found)};
              }};
@@ -144,12 +144,12 @@ void Pins::ask_splats(const Question& question) {
   const Session& session = *viewer_.session;
   auto known = answered_ && answered_->serial == question.serial ? last_.splats : nullptr;
   last_ = {};
-  auto answer = [question, known, units = session.units(), surfaces = session.surfaces(), clip = session.view().clip,
+  auto answer = [question, known, units = session.units(), surfaces = session.surfaces(),
                  function = session.function_of_splats(), list = known ? DrawList() : session.frame()->list,
                  sliced = known ? DrawList() : session.frame()->sliced]() mutable -> Answer {
     if (!known)
       known = std::make_shared<const PickedSplats>(std::move(list), std::move(sliced), units, question.scene.attribute);
-    auto found = pick_splats(*known, question.scene, function, surfaces, clip, question.looking, question.opacity);
+    auto found = pick_splats(*known, question.scene, function, surfaces, question.looking, question.opacity);
     return {std::move(known), std::move(found)};
   };
   answer_ = {viewer_.host, std::move(answer)};

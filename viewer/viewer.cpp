@@ -139,11 +139,11 @@ void Viewer::end_opening() {
 // Lets go of the file, and of all that belongs to it.
 void Viewer::end_session() {
   panel_.end();
+  pins_.end();
   state_.session.reset();
   previewed_.reset();
   told_troubles_ = 0;
   state_.messages.end_question();
-  pins_.end();
 }
 
 void Viewer::stop_playing() {

@@ -76,7 +76,7 @@ struct PickInCells : FolderTest {
   [[nodiscard]] std::optional<Pick> along(const Ray& ray, const Scene& scene,
                                           const std::vector<Surface>& surfaces = {}) const {
     const auto cells = value_of(KeptCells::open(*volume_, scene, own_room(std::uint64_t{16} << 20)));
-    return value_of(pick_cells(*cells, scene, surfaces, value_of(make_view(scene)).clip, ray));
+    return value_of(pick_cells(*cells, scene, surfaces, ray));
   }
   // Along the camera's axis.
   [[nodiscard]] std::optional<Pick> ahead(const Scene& scene, const std::vector<Surface>& surfaces = {}) const {

@@ -35,8 +35,7 @@ View view_along_z(bool orthographic) {
 
 std::optional<Pick> pick(const DrawList& list, const TransferFunction& function, const DrawingUnits& units,
                          const View& view, double x, double y, const std::vector<Surface>& surfaces = {}) {
-  return pick_splats(PickedSplats(list, {}, units, "value"), {}, function, surfaces, view.clip,
-                     looking_through(view, x, y));
+  return pick_splats(PickedSplats(list, {}, units, "value"), {}, function, surfaces, looking_through(view, x, y));
 }
 
 template <class Splat>
@@ -108,14 +107,14 @@ TEST(SplatRay, KnowsTheOpacityOfAnotherAttribute) {
   const PickedSplats picked(list, {}, units, "value");
   Scene faded, plain;
   faded.opacity = SceneOpacity{"other", factors};
-  const auto found = pick_splats(picked, faded, function, {}, {}, looking);
-  const auto expected = pick_splats(picked, plain, weaker, {}, {}, looking);
+  const auto found = pick_splats(picked, faded, function, {}, looking);
+  const auto expected = pick_splats(picked, plain, weaker, {}, looking);
   ASSERT_TRUE(found && expected);
   EXPECT_NEAR(found->opacity, expected->opacity, 1e-4);
   EXPECT_EQ(found->values[0].value, expected->values[0].value);
   EXPECT_NEAR(found->rows[100].opacity, expected->rows[100].opacity, 1e-4);
   faded.opacity->function.densities = {{0, 0}};
-  EXPECT_FALSE(pick_splats(picked, faded, function, {}, {}, looking));
+  EXPECT_FALSE(pick_splats(picked, faded, function, {}, looking));
 }
 
 // An opaque splat that is thinner than the distance of rows hides what is behind.
@@ -224,8 +223,7 @@ TEST_F(SplatsOfASession, HasThePicturesOpacity) {
       int count = 0;
       for (int y = 5; y < picture.height; y += 10)
         for (int x = 5; x < picture.width; x += 10, ++count) {
-          const auto found =
-              pick_splats(splats, session->scene, function, {}, {}, looking_through(view, x + 0.5, y + 0.5));
+          const auto found = pick_splats(splats, session->scene, function, {}, looking_through(view, x + 0.5, y + 0.5));
           const double difference = (found ? found->opacity : 0) - static_cast<double>(picture.at(x, y).a);
           squares += difference * difference;
         }

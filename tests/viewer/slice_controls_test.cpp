@@ -106,7 +106,7 @@ TEST_F(ViewerSlices, TheProbeReadsTheValue) {
   const Session& session = *viewer->session();
   const PickedSplats splats(session.frame()->list, session.frame()->sliced, session.units(), "value");
   const auto found_at = [&](double x, double y) {
-    return pick_splats(splats, scene(), session.function_of_splats(), {}, {}, looking_through(view(), x, y));
+    return pick_splats(splats, scene(), session.function_of_splats(), {}, looking_through(view(), x, y));
   };
   const double x = 0.5 * view().width + 11, y = 0.5 * view().height - 7;
   const auto found = found_at(x, y);
