@@ -254,7 +254,7 @@ class Session {
 
   /// Returns the cells that picks in the scene of the last draw ask. None: the file keeps none, some are of a kind that
   /// is not known, they cannot be read, or a server would be asked. Then splats answer.
-  [[nodiscard]] std::optional<SharedCells> cells_for_picks() {
+  [[nodiscard]] std::optional<SharedCells> cells_for_picks() const {
     return is_drawing() ? job_.last().cells : player_->cells_for_picks();
   }
 
