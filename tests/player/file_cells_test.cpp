@@ -24,6 +24,7 @@
 #include "tests/builder/support/built_mesh.h"
 #include "tests/builder/support/mesh_of_shapes.h"
 #include "tests/player/waves.h"
+#include "tests/support/far_file.h"
 #include "tests/support/results.h"
 #include "tests/support/surgery.h"
 #include "tests/support/temp_folder.h"
@@ -251,44 +252,6 @@ TEST_F(FileCellsOf, AMeshAreReadByThreadsOnce) {
   EXPECT_LE(alone->bytes_read(), alone->file_bytes());
 }
 
-// A file as on a web server, which counts requests.
-class FarFile final : public ByteSource {
- public:
-  struct Counts {
-    std::atomic<std::uint64_t> requests = 0, bytes = 0;
-  };
-  // `knows_parts`: whether a request may name several ranges.
-  FarFile(const std::string& path, bool knows_parts, std::shared_ptr<Counts> counts)
-      : file_(open_file(path).value()), knows_parts_(knows_parts), counts_(std::move(counts)) {}
-
-  [[nodiscard]] std::uint64_t size() const override { return file_->size(); }
-  [[nodiscard]] const std::string& name() const override { return file_->name(); }
-  [[nodiscard]] std::uint64_t cheap_gap() const override { return std::uint64_t{64} << 10; }
-  [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out) override {
-    ++counts_->requests;
-    counts_->bytes += out.size();
-    return file_->read(offset, out);
-  }
-  [[nodiscard]] bool may_read_parts() const override { return knows_parts_; }
-  [[nodiscard]] Result<bool> read_parts(std::span<const Part> parts) override {
-    if (!knows_parts_) return false;
-    ++counts_->requests;
-    std::uint64_t end = 0;
-    for (const Part& part : parts) {
-      EXPECT_GE(part.offset, end);
-      end = part.offset + part.out.size();
-      counts_->bytes += part.out.size();
-      SPLATVOL_TRY(file_->read(part.offset, part.out));
-    }
-    return true;
-  }
-
- private:
-  std::unique_ptr<ByteSource> file_;
-  bool knows_parts_;
-  std::shared_ptr<Counts> counts_;
-};
-
 // What the chunks of a view need is read ahead.
 TEST_F(FileCellsOf, AFarFileAreReadByFewRequests) {
   build(lattice());
@@ -303,8 +266,8 @@ TEST_F(FileCellsOf, AFarFileAreReadByFewRequests) {
       const std::string file = path(scene.attribute == "number" ? "own.svol" : "mesh.svol");
       const auto near = test::value_of(format::Volume::open(*open_file(file)));
       const Found expected = cells_of(*open(near, scene));
-      const auto counts = std::make_shared<FarFile::Counts>();
-      const auto far = test::value_of(format::Volume::open(std::make_unique<FarFile>(file, knows_parts, counts)));
+      const auto counts = std::make_shared<test::FarFile::Counts>();
+      const auto far = test::value_of(format::Volume::open(std::make_unique<test::FarFile>(file, knows_parts, counts)));
       const auto cells = open(far, scene);
       std::vector<std::uint64_t> numbers;
       for (const CellSource::Chunk& chunk : cells->chunks()) numbers.push_back(chunk.number);

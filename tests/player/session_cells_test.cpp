@@ -13,9 +13,11 @@
 #include "base/file.h"
 #include "format/volume.h"
 #include "pictures/image.h"
+#include "player/cell_ray.h"
 #include "renderer/reference/reference.h"
 #include "tests/player/session_fixture.h"
 #include "tests/player/waves.h"
+#include "tests/support/far_file.h"
 
 namespace splatvol::test {
 namespace {
@@ -146,6 +148,30 @@ TEST_F(ExactAtRest, HasContours) {
   settled(*without);
   ASSERT_EQ(without->troubles().size(), 1u);
   EXPECT_NE(without->troubles()[0].find("only these have contours"), std::string::npos) << without->troubles()[0];
+}
+
+// Cells of a file on a server answer picks once all are here, and ask for nothing then.
+TEST_F(ExactAtRest, PicksAskNoServer) {
+  build(mesh_);
+  for (const bool has_time : {true, false}) {
+    settings.moving.seconds = has_time ? 10 : 1e-9;
+    const auto counts = std::make_shared<FarFile::Counts>();
+    const auto open_far = [&](const std::string& name) -> Result<std::unique_ptr<ByteSource>> {
+      return std::make_unique<FarFile>(name, true, counts);
+    };
+    const auto session =
+        value_of(Session::open(value_of(Session::read({.file = path("m.svol")}, "", settings, open_far)), host));
+    EXPECT_FALSE(session->cells_for_picks()) << "nothing was read";
+    settled(*session);
+    const auto cells = session->cells_for_picks();
+    EXPECT_EQ(cells.has_value(), has_time);
+    EXPECT_TRUE(cells || session->frame()) << "splats answer";
+    if (!cells) continue;
+    const std::uint64_t requests = counts->requests;
+    const Looking middle = looking_through(session->view(), 0.5 * width, 0.5 * height);
+    EXPECT_TRUE(value_of(pick_cells(*cells->kept, session->drawn_scene(), {}, middle.ray)));
+    EXPECT_EQ(counts->requests, requests);
+  }
 }
 
 TEST_F(ExactAtRest, IsWhatASceneAsksFor) {
