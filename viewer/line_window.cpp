@@ -42,6 +42,9 @@ bool begin_window(const char* name, const PictureArea& area, float scale) {
                           ImGuiCond_Appearing, {0, 1});
   bool stays = true;
   ImGui::Begin(name, &stays, ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoCollapse);
+  const ImVec2 at = ImGui::GetWindowPos();
+  const float lowest = static_cast<float>(area.height) - 8 * scale - ImGui::GetWindowHeight();
+  if (at.y > lowest) ImGui::SetWindowPos({at.x, std::max(lowest, 0.0F)});  // it has become higher
   return stays;
 }
 

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 #include <vector>
 
 #include "viewer/window/gui_units.h"
@@ -21,8 +22,10 @@ float Plot::x_of(double place) const {
   return corner_.x + size_.x * (width > 0 ? static_cast<float>((place - places_.front()) / width) : 0.5F);
 }
 
+// Soft edges would overlap where parts of the area meet.
 void Plot::draw_area(std::span<const double> shares) const {
   ImDrawList& list = *ImGui::GetWindowDrawList();
+  const ImDrawListFlags flags = std::exchange(list.Flags, list.Flags & ~ImDrawListFlags_AntiAliasedFill);
   const auto rows = rows_of_plot(places_, shares, static_cast<std::size_t>(size_.x));
   for (std::size_t k = 1; k < rows.size(); ++k) {
     const std::size_t from = rows[k - 1], to = rows[k];
@@ -31,6 +34,7 @@ void Plot::draw_area(std::span<const double> shares) const {
         {{left, y_of(0)}, {left, y_of(shares[from])}, {right, y_of(shares[to])}, {right, y_of(0)}}};
     list.AddConvexPolyFilled(area.data(), 4, ImGui::GetColorU32(ImGuiCol_PlotHistogram, 0.25F));
   }
+  list.Flags = flags;
 }
 
 void Plot::draw_curve(std::span<const double> values, const PlotRange& range, ImU32 color) const {

@@ -18,13 +18,11 @@
 namespace splatvol::test {
 namespace {
 
-using testing::Contains;
-using testing::Field;
 using testing::HasSubstr;
 
 namespace fs = std::filesystem;
 
-constexpr int width = 1100, height = 1000, panel = 336;
+constexpr int width = 1100, height = 1200, panel = 336;
 
 double linear(dvec3 p) { return 3 + p.x - 2 * p.y + 0.5 * p.z; }
 
@@ -32,7 +30,7 @@ struct ViewerLines : ViewerFixture {
   void SetUp() override {
     ViewerFixture::SetUp();
     present_ = fs::current_path();
-    fs::current_path(folder);  // files are saved here
+    fs::current_path(fs::path(path("m.svol")).parent_path());  // files are saved here
     resize(width, height);
   }
   void TearDown() override { fs::current_path(present_); }
@@ -64,12 +62,17 @@ struct ViewerLines : ViewerFixture {
     const Session& session = *viewer->session();
     const Looking looking = looking_through(session.view(), std::floor(x - panel) + 0.5, std::floor(y) + 0.5);
     const auto cells = session.cells_for_picks();
-    require(cells);
     return value_of(pick_cells(*cells->kept, session.drawn_scene(), session.surfaces(), looking.ray)).value();
   }
-  // The panel's section "line" begins below those that are closed.
-  void open_section() { click_and_settle(100, section_y); }
-  static constexpr double section_y = 794;
+  // The panel's section "line" begins below those that are closed; of a series, below the controls of its steps.
+  void open_section(double y = section_y) { click_and_settle(100, y); }
+  static constexpr double section_y = 796, from_y_field = 821, save_table_y = 962, save_plot_y = 1006, steps_y = 1028;
+  static constexpr double of_series = 72;
+
+  [[nodiscard]] std::string newest_message() const {
+    const auto toasts = viewer->messages().toasts();
+    return toasts.empty() ? "" : toasts.back().text;
+  }
 
   // The rows of a table.
   static std::vector<std::vector<double>> rows_of(const std::string& text) {
@@ -110,6 +113,70 @@ TEST_F(ViewerLines, EndsWhereShiftAndAClickHitAndIsSavedAsByTheExport) {
 
   click_and_settle(50, save_plot_y);
   EXPECT_EQ(read_text_file("m-line.png")->substr(1, 3), "PNG");
+}
+
+TEST_F(ViewerLines, EndsAreTyped) {
+  open_mesh();
+  open_section();
+  click_and_settle(40, from_y_field);  // x of the start
+  frame({KeyChanged{key::left_control, true}, KeyChanged{'A', true}});
+  frame({KeyChanged{'A', false}, KeyChanged{key::left_control, false}});
+  for (const char c : std::string("0.25")) frame({TextTyped{static_cast<std::uint32_t>(c)}});
+  press(key::enter);
+  settle();
+  click_and_settle(50, save_table_y);
+  const auto saved = read_text_file("m-line.csv");
+  ASSERT_TRUE(saved);
+  EXPECT_EQ(rows_of(*saved).front()[1], 0.25);
+  EXPECT_EQ(rows_of(*saved).back()[1], 1) << "the box's corner";
+}
+
+TEST_F(ViewerLines, EscEndsTheLineAndThenThePin) {
+  open_mesh();
+  const auto corner = [&] {  // where the windows of plots are
+    frame({PointerMoved{-1, -1}});
+    settle();
+    const Image all = screen();
+    Image part{300, 150, {}};
+    for (int y = 0; y < part.height; ++y)
+      for (int x = 0; x < part.width; ++x) part.pixels.push_back(all.at(panel + 12 + x, height - 160 + y));
+    return part;
+  };
+  const auto differ = [](const Image& a, const Image& b) { return compare_images(a, b)->rmse > 0.01; };
+  const Image empty = corner();
+  click_and_settle(from_x, from_y);
+  const Image pinned = corner();
+  EXPECT_TRUE(differ(pinned, empty));
+  click_with_shift(to_x, to_y);
+  EXPECT_TRUE(differ(corner(), pinned));
+  press(key::escape);
+  EXPECT_FALSE(differ(corner(), pinned));
+  press(key::escape);
+  EXPECT_FALSE(differ(corner(), empty));
+}
+
+TEST_F(ViewerLines, NeedCells) {
+  open_mesh(false);
+  show_line();
+  EXPECT_THAT(newest_message(), HasSubstr("the file keeps no cells"));
+  open_section();
+  click_and_settle(50, save_table_y);
+  EXPECT_FALSE(fs::exists("m-line.csv")) << "the control is off";
+}
+
+// A click on the plot shows the step there.
+TEST_F(ViewerLines, StepsHaveAPlot) {
+  write_series(path("s.svol"), {.keep_cells = true});
+  open({.volume = path("s.svol")});
+  settle();
+  ASSERT_EQ(viewer->session()->step(), 2U);
+  click_and_settle(from_x, from_y);
+  click_with_shift(to_x, to_y);
+  press(key::escape);
+  open_section(section_y + of_series);
+  click_and_settle(70, steps_y + of_series);
+  click_and_settle(panel + 20, height - 100);
+  EXPECT_EQ(viewer->session()->step(), 0U);
 }
 
 }  // namespace
