@@ -87,8 +87,9 @@ void LineSection::draw_in_picture() const {
   list.PushClipRect({static_cast<float>(area.left), 0}, {static_cast<float>(area.left + area.width), 1e6F});
   const std::vector<dvec3> places = this->places();
   const bool is_known = seen_.lights.size() == places.size() && seen_.line == request() && seen_.view == view;
+  const dvec2 units = viewer_.window_units();
   const auto window_of = [&](const dvec2& pixel) {
-    return ImVec2(static_cast<float>(area.left + area.unit_x * pixel.x), static_cast<float>(area.unit_y * pixel.y));
+    return ImVec2(static_cast<float>(area.left + units.x * pixel.x), static_cast<float>(units.y * pixel.y));
   };
   for (std::size_t i = 1; i < places.size(); ++i) {
     const auto segment = project(view, places[i - 1], places[i]);

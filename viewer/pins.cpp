@@ -89,8 +89,7 @@ void Pins::end() {
 
 // Looks through the middle of the pixel at a position in the window.
 Looking Pins::looking_at(const dvec2& position) const {
-  const PictureArea area = viewer_.picture_area();
-  const dvec2 at((position.x - area.left) / area.unit_x, position.y / area.unit_y);
+  const dvec2 at = (position - dvec2(viewer_.picture_area().left, 0)) / viewer_.window_units();
   const dvec2 pixel = glm::floor(at) + 0.5;
   return looking_through(viewer_.session->view(), pixel.x, pixel.y);
 }
@@ -134,7 +133,7 @@ void Pins::ask_cells(const Question& question) {
   answer_ = {viewer_.host,
              [question, cells = *viewer_.session->cells_for_picks(), surfaces = session.surfaces()]() -> Answer {
                auto found = pick_cells(*cells.kept, question.scene, surfaces, question.looking.ray);
-               if (!found) return {.is_cancelled = found.error().code == ErrorCode::cancelled};
+               if (!found) return {.trouble = found.error()};
                return {.pick = *std::move(found)};
              }};
 }
@@ -159,7 +158,11 @@ bool Pins::take_answer() {
   if (!is_busy() || !answer_.wait()) return false;
   last_ = answer_.take();
   answered_ = std::exchange(asked_, {});
-  if (last_.is_cancelled) answered_.reset();
+  if (!last_.trouble) return true;
+  if (last_.trouble->code == ErrorCode::cancelled)
+    answered_.reset();
+  else
+    viewer_.messages.error(last_.trouble->message);
   return true;
 }
 

@@ -59,7 +59,7 @@ class Pins {
   struct Answer {
     std::shared_ptr<const PickedSplats> splats = {};  // that were asked
     std::optional<Pick> pick = {};                    // none: the ray meets nothing
-    bool is_cancelled = false;
+    std::optional<Error> trouble = {};                // why it is not known
   };
   // A line of sight that was clicked on.
   struct Pin {

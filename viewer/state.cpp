@@ -20,13 +20,20 @@ std::array<int, 2> ViewerState::picture_size() const {
   return {std::max(1, static_cast<int>(area.width / area.unit_x)), window.pixel_height};
 }
 
+dvec2 ViewerState::window_units() const {
+  const PictureArea area = picture_area();
+  const auto [width, height] = picture_size();
+  const View& view = session->view();
+  return dvec2(area.unit_x * width, area.unit_y * height) / dvec2(std::max(view.width, 1), std::max(view.height, 1));
+}
+
 std::optional<dvec2> ViewerState::window_position(const dvec3& position) const {
   const View& view = session->view();
   const dvec3 at = view.to_view(position);
   if (!view.orthographic && !(at.z > 0)) return {};
   const double by = view.focal / (view.orthographic ? 1 : at.z);
-  const PictureArea area = picture_area();
-  return dvec2(area.left + area.unit_x * (by * at.x + 0.5 * view.width), area.unit_y * (0.5 * view.height - by * at.y));
+  const dvec2 pixel(by * at.x + 0.5 * view.width, 0.5 * view.height - by * at.y);
+  return dvec2(picture_area().left, 0) + window_units() * pixel;
 }
 
 }  // namespace splatvol

@@ -36,6 +36,9 @@ struct ViewerState {
   /// Beside the panel, and at least one pixel wide.
   [[nodiscard]] PictureArea picture_area() const;
 
+  /// Returns the window units that a pixel of the session's picture takes: one of another size is stretched.
+  [[nodiscard]] dvec2 window_units() const;
+
   /// Returns where a position is in the window; none behind the eye. Requires a session.
   [[nodiscard]] std::optional<dvec2> window_position(const dvec3& position) const;
 
