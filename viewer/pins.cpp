@@ -125,6 +125,7 @@ void Pins::ask(const Question& question) {
   if (is_busy() || answered_ == question) return;
   asked_ = question;
   question.of_cells ? ask_cells(question) : ask_splats(question);
+  answered_.reset();
 }
 
 void Pins::ask_cells(const Question& question) {
