@@ -59,7 +59,8 @@ std::string detail_text(const Session& session) {
 
 float draw_hud(ViewerState& viewer, double frame_seconds) {
   const Session& session = *viewer.session;
-  if (session.shown_number() == 0) return 0;
+  const bool is_of_cells = session.exact() && session.shown_recipe().recipe.is_exact();
+  if (!session.frame() && !is_of_cells) return 0;
   const StreamerStatistics statistics = session.statistics();
   const auto bytes = [](std::uint64_t count) { return byte_text(static_cast<double>(count)); };
   const FrameProgress progress = session.frame() ? session.frame()->progress : FrameProgress();
