@@ -505,7 +505,7 @@ Result<Image> Session::page(const Page& page, const PageText& text, bool transpa
 
 // Contours may show where the volume does not.
 std::string Session::explain() const {
-  if (shown_.number == 0 || !contours_of(used_.scene).surfaces.empty()) return {};
+  if ((!frame() && !exact()) || !contours_of(used_.scene).surfaces.empty()) return {};
   const auto sentence = [](const EmptyReason& why, const std::string& remedy) {
     std::string text = fmt::format("{}: {}.", why.reason, remedy);
     text[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(text[0])));
@@ -516,7 +516,7 @@ std::string Session::explain() const {
     const bool outside = std::string_view(why.reason).ends_with("outside of the view");
     return sentence(why, outside ? "press R to see all of it" : why.remedy);
   }
-  const bool is_empty = exact() ? exact()->segments == 0 : frame() && frame()->splats == 0 && frame()->progress.settled;
+  const bool is_empty = exact() ? exact()->segments == 0 : frame()->splats == 0 && frame()->progress.settled;
   if (!is_empty) return {};
   const EmptyReason why = why_empty_in_view(false);
   return sentence(why, why.remedy);
