@@ -39,9 +39,9 @@ TEST(Plot, RangesLeaveOutWhatIsMissing) {
 // Returns the columns that have pixels of about the curve's colour.
 std::set<int> columns_of(const Image& image, std::size_t number) {
   std::set<int> columns;
-  for (int y = 82; y < image.height; ++y)  // below the words
+  for (int y = 70; y < image.height; ++y)  // below the words
     for (int x = 0; x < image.width; ++x)
-      if (glm::length(dvec3(image.at(x, y)) - color_of_curve(number)) < 0.4) columns.insert(x);
+      if (glm::length(dvec3(image.at(x, y)) - color_of_curve(number)) < 0.25) columns.insert(x);
   return columns;
 }
 
