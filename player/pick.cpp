@@ -52,6 +52,7 @@ struct Hit {
   double distance;
   std::size_t triangle;
   std::array<double, 3> shares;  // of its corners
+  bool from_outside;             // as Surface::opacity has it
 };
 
 // Returns where a ray meets a mesh, by distances. Rounding opens no gap between triangles.
@@ -67,7 +68,7 @@ std::vector<Hit> hits_of(const TriangleMesh& mesh, const View& along) {
     const double s = glm::dot(from, across) / determinant, t = glm::dot(along.forward, turned) / determinant;
     const double distance = glm::dot(v, turned) / determinant;
     if (s >= beside && t >= beside && s + t <= 1 - beside && distance > 0 && !is_clipped(along, 0, 0, distance))
-      hits.push_back({distance, triangle, {1 - s - t, s, t}});
+      hits.push_back({distance, triangle, {1 - s - t, s, t}, determinant > 0});
   }
   std::ranges::sort(hits, {}, &Hit::distance);
   const auto is_one = [](const Hit& a, const Hit& b) { return b.distance - a.distance <= 1e-12 * b.distance; };
@@ -83,10 +84,7 @@ PickedValue value_on(const Surface& surface, const Hit& hit, const VolumeOnRay& 
       if (PickedValue found = volume.value_at(factor * hit.distance); !std::isnan(found.value)) return found;
     return volume.value_at(hit.distance);
   }
-  const auto& corners = surface.mesh->triangles[hit.triangle];
-  double value = 0;
-  for (std::size_t k = 0; k < 3; ++k) value += hit.shares[k] * surface.values->values[corners[k]];
-  return {surface.values->attribute, value};
+  return {surface.values->attribute, surface.value(hit.triangle, hit.shares)};
 }
 
 // Slices without a value at the place are not there.
@@ -111,12 +109,15 @@ void add_surfaces(std::span<const Surface> surfaces, const View& along, const Vo
   for (const Surface& surface : surfaces) {
     if (!surface.is_visible()) continue;
     const SceneSurface& style = surface.style;
-    for (const Hit& hit : hits_of(*surface.mesh, along))
-      layers.push_back({Pick::Kind::surface,
-                        style.boundary.empty() ? style.file : style.boundary,
-                        hit.distance,
-                        std::min(style.opacity, 1.0),
-                        {value_on(surface, hit, volume)}});
+    for (const Hit& hit : hits_of(*surface.mesh, along)) {
+      const double opacity = std::min(surface.opacity(hit.triangle, hit.from_outside), 1.0);
+      if (opacity > 0)
+        layers.push_back({Pick::Kind::surface,
+                          style.boundary.empty() ? style.file : style.boundary,
+                          hit.distance,
+                          opacity,
+                          {value_on(surface, hit, volume)}});
+    }
   }
 }
 

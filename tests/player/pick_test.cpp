@@ -244,6 +244,13 @@ TEST_F(PickInCells, SurfacesHaveTheValueThatColoursThem) {
   EXPECT_NEAR(found(scene, {square(1, 1)}).values[0].value, 1, 1e-12) << "in the mesh's outer face";
   EXPECT_TRUE(std::isnan(found(scene, {square(2, 1)}).values[0].value)) << "no cell is there";
   EXPECT_NEAR(found(scene, {square(0.6, 0.4), square(0.8, 0.5)}).position.z, 0.8, 1e-12);
+  Surface near = square(0.6, 1);
+  near.style.near_side = NearSide::hidden;
+  EXPECT_EQ(found(scene, {near}).kind, Kind::volume) << "its normal looks at the eye";
+  const auto from_below = along({{0.3, 0.4, -3}, {0, 0, 1}}, scene, {near});
+  ASSERT_TRUE(from_below);
+  EXPECT_EQ(from_below->kind, Kind::surface);
+
   Surface hidden = square(0.6, 1);
   hidden.style.shown = false;
   EXPECT_EQ(found(scene, {hidden}).kind, Kind::volume);
