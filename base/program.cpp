@@ -12,7 +12,9 @@
 #include <cerrno>
 #include <csignal>
 #include <cstring>
+#include <filesystem>
 #include <string_view>
+#include <system_error>
 #include <thread>
 #include <utility>
 
@@ -76,6 +78,12 @@ Result<pid_t> start_program(const std::vector<std::string>& words, int input, in
 }
 
 }  // namespace
+
+std::string program_beside_this(const std::string& name) {
+  std::error_code error;
+  const auto beside = std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / name;
+  return !error && std::filesystem::exists(beside, error) ? beside.string() : name;
+}
 
 int run_program(const std::vector<std::string>& words, const ProgramFiles& files) {
   std::vector<char*> arguments = arguments_of(words);

@@ -18,6 +18,9 @@ namespace splatvol {
 /// The exit code of a program that is not there.
 inline constexpr int no_program = 127;
 
+/// Returns the path of a program beside this one if it is there, else its name, which PATH finds.
+[[nodiscard]] std::string program_beside_this(const std::string& name);
+
 /// Files that a program reads as its input, and writes its words to.
 struct ProgramFiles {
   std::string input = "/dev/null";

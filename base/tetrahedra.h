@@ -23,7 +23,7 @@ struct Tetrahedra {
   /// corner has no values.
   std::vector<std::vector<double>> values;
 
-  // Names. Drawing needs none.
+  // Names.
   std::vector<std::uint64_t> ranks;  // [point]: ascending; if constant, numbers of vertices
   std::vector<std::uint32_t> cells;  // [tetrahedron]: the number of its cell in the chunk, if constant
 

@@ -5,9 +5,9 @@
 #include <type_traits>
 #include <unordered_map>
 
-#include "extractor/contour.h"
 #include "extractor/last_boxes.h"
 #include "sampler/cell_tetrahedra.h"
+#include "sampler/contour.h"
 
 namespace splatvol {
 namespace {
@@ -131,7 +131,7 @@ class Writer {
         for (const std::uint32_t corner : corners) box.include(tetrahedra.points[corner]);
         return !meets(box, selection_.box);
       });
-    part.contour = contour_of(tetrahedra, value_);
+    part.contour = contour_of(tetrahedra, tetrahedra.values[0], value_);
     part.measure = ContourMeasure(middle_);
     part.measure.add(part.contour);
     if (!output_.has_vertices()) return;

@@ -18,7 +18,9 @@ enum PartKind : int {
   group_positions,
   group_values,
   cell_page,
-  cell_chunk
+  cell_chunk,
+  cell_gradients,
+  contour_gradients
 };
 
 /// PartKey::column of a part that is made of several columns or attributes, at most three, in this order. Their numbers

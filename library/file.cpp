@@ -19,6 +19,7 @@
 #include "sampler/cell_tetrahedra.h"
 #include "sampler/integrals.h"
 #include "sampler/splat_sampler.h"
+#include "sampler/surface_integrals.h"
 
 namespace splatvol {
 namespace {
@@ -219,6 +220,11 @@ Result<ContourMesh> File::contour(double value, const std::string& attribute, co
 Result<Integrals> File::integrate(const IntegralRequest& request) const {
   const std::size_t threads = std::max(1u, std::thread::hardware_concurrency());
   return integrate_cells(*contents_->volume, request, held_bytes, threads, [](double) {});
+}
+
+Result<SurfaceIntegrals> File::integrate_surface(const SurfaceRequest& request) const {
+  const std::size_t threads = std::max(1u, std::thread::hardware_concurrency());
+  return splatvol::integrate_surface(*contents_->volume, request, held_bytes, threads, [](double) {});
 }
 
 Status File::verify(const std::function<void(double)>& progress) const {

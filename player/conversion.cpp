@@ -5,9 +5,7 @@
 #include <unistd.h>
 
 #include <chrono>
-#include <filesystem>
 #include <nlohmann/json.hpp>
-#include <system_error>
 #include <utility>
 
 #include "base/descriptor.h"
@@ -130,11 +128,7 @@ tl::unexpected<Error> fail_no_svbuild(const std::string& input, const std::strin
 
 bool needs_conversion(const std::vector<std::string>& files) { return files.size() > 1 || is_convertible(files.at(0)); }
 
-std::string usual_svbuild() {
-  std::error_code error;
-  const auto beside = std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / "svbuild";
-  return !error && std::filesystem::exists(beside, error) ? beside.string() : "svbuild";
-}
+std::string usual_svbuild() { return program_beside_this("svbuild"); }
 
 Result<ConvertedFile> convert(const ConversionRequest& request,
                               const std::function<void(const ConversionProgress&)>& tell, const std::string& svbuild) {

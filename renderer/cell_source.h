@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include "base/error.h"
 #include "base/math.h"
@@ -36,6 +37,12 @@ class CellSource {
   /// Reads a chunk: into `scratch`, whose memory it keeps, unless it holds the cells itself. Returns where they are
   /// until the next call with this scratch. Thread-safe.
   [[nodiscard]] virtual Result<const Tetrahedra*> read(const Chunk& chunk, Tetrahedra& scratch) const = 0;
+
+  /// Returns the gradients of the scene's attribute at the points of a chunk, in world coordinates: means over all
+  /// tetrahedra at a point, the same in all chunks with the point; 0: none. Points of no tetrahedron that a contour
+  /// cuts have any. `cells`: of the chunk, with values at points. `contours`: values, ascending. Thread-safe.
+  [[nodiscard]] virtual Result<std::shared_ptr<const std::vector<dvec3>>> gradients(
+      const Chunk& chunk, const Tetrahedra& cells, std::span<const double> contours) const = 0;
 };
 
 }  // namespace splatvol

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 #include "format/splat_reader.h"
 #include "sampler/cell_tetrahedra.h"
+#include "sampler/integral_region.h"
 #include "sampler/tetrahedron_cut.h"
 
 namespace splatvol {
@@ -15,81 +15,10 @@ namespace {
 
 constexpr std::uint64_t most_held_bytes = std::uint64_t{128} << 20;  // of parts of the file
 
-// A sum and what rounding took from it (Knuth's two-sum).
-class Sum {
- public:
-  void add(double number) {
-    const double sum = sum_ + number, added = sum - sum_;
-    rest_ += (sum_ - (sum - added)) + (number - added);
-    sum_ = sum;
-  }
-  void add(const Sum& other) {
-    add(other.sum_);
-    add(other.rest_);
-  }
-  [[nodiscard]] double value() const { return sum_ + rest_; }
-
- private:
-  double sum_ = 0, rest_ = 0;
-};
-
-struct Extreme {
-  double value;
-  dvec3 position{std::numeric_limits<double>::quiet_NaN()};
-};
-
-struct AttributeSums {
-  Sum volume, missing, integral;
-  Extreme low{std::numeric_limits<double>::infinity()};
-  Extreme high{-std::numeric_limits<double>::infinity()};
-
-  void add(const AttributeSums& other) {
-    volume.add(other.volume);
-    missing.add(other.missing);
-    integral.add(other.integral);
-    if (other.low.value < low.value) low = other.low;
-    if (other.high.value > high.value) high = other.high;
-  }
-};
-
 struct Sums {
-  Sum volume, unknown;
-  std::vector<AttributeSums> attributes;  // [attribute of the request]
+  CompensatedSum volume, unknown;
+  std::vector<ValueSums> attributes;  // [attribute of the request]
 };
-
-// A range of values of an attribute that is read.
-struct Limits {
-  std::size_t attribute;  // index into Tetrahedra::values
-  double low, high;
-
-  [[nodiscard]] bool contain(double value) const { return low <= value && value <= high; }
-};
-
-// A request with the numbers of attributes.
-struct Region {
-  Box box;
-  std::vector<HalfSpace> half_spaces;  // the largest component of each normal is 1 or -1
-  std::vector<Limits> ranges;
-};
-
-// Returns the scaled distance of a position from a plane; 0 where rounding may have made it.
-double distance_of(const HalfSpace& half_space, const dvec3& position) {
-  const dvec3 products = half_space.normal * (position - half_space.point), sizes = glm::abs(products);
-  const double distance = products.x + products.y + products.z;
-  return std::abs(distance) > 4 * std::numeric_limits<double>::epsilon() * (sizes.x + sizes.y + sizes.z) ? distance : 0;
-}
-
-// Whether a part of a box may be in the region, if positions may be wrong by `rounding`.
-bool meets(const Region& region, const Box& box, double rounding) {
-  const Box wide{box.low - rounding, box.high + rounding};
-  if (!glm::all(glm::lessThanEqual(wide.low, region.box.high)) ||
-      !glm::all(glm::lessThanEqual(region.box.low, wide.high)))
-    return false;
-  return std::ranges::all_of(region.half_spaces, [&](const HalfSpace& half_space) {
-    const dvec3 farthest = glm::mix(wide.low, wide.high, glm::greaterThan(half_space.normal, dvec3(0)));
-    return distance_of(half_space, farthest) >= 0;
-  });
-}
 
 double volume_of(const std::array<dvec3, 4>& corners) {
   const dvec3 a = corners[1] - corners[0], b = corners[2] - corners[0], c = corners[3] - corners[0];
@@ -109,7 +38,7 @@ double mean_of(const std::array<double, 4>& values, const CornerWeights& weights
 class ChunkIntegration {
  public:
   // `attributes`: how many of those that are read are integrated: the first.
-  ChunkIntegration(const Region& region, const Tetrahedra& tetrahedra, std::size_t attributes, Sums& sums)
+  ChunkIntegration(const IntegralRegion& region, const Tetrahedra& tetrahedra, std::size_t attributes, Sums& sums)
       : region_(region), tetrahedra_(tetrahedra), sums_(sums) {
     sums_.attributes.resize(attributes);
   }
@@ -143,7 +72,7 @@ class ChunkIntegration {
       add_cut([&](std::size_t p) { return distance_of(half_space, tetrahedra_.points[p]); });
     first_range_ = cuts_.size();
     if (tetrahedra_.constant) return;
-    for (const Limits& range : region_.ranges) {
+    for (const ValueLimits& range : region_.ranges) {
       const std::vector<double>& values = tetrahedra_.values[range.attribute];
       add_cut([&](std::size_t p) { return values[p] - range.low; });
       add_cut([&](std::size_t p) { return range.high - values[p]; });
@@ -163,7 +92,7 @@ class ChunkIntegration {
     parts_.assign(1, whole_tetrahedron());
     if (!apply_cuts(t, 0, first_range_)) return;
     if (lacks_value_of_range(t)) return sums_.unknown.add(volume * share_of_parts());
-    if (tetrahedra_.constant && !std::ranges::all_of(region_.ranges, [&](const Limits& range) {
+    if (tetrahedra_.constant && !std::ranges::all_of(region_.ranges, [&](const ValueLimits& range) {
           return range.contain(tetrahedra_.values[range.attribute][t]);
         }))
       return;
@@ -185,7 +114,7 @@ class ChunkIntegration {
   }
 
   [[nodiscard]] bool lacks_value_of_range(std::size_t t) const {
-    return std::ranges::any_of(region_.ranges, [&](const Limits& range) {
+    return std::ranges::any_of(region_.ranges, [&](const ValueLimits& range) {
       const auto [a, b, c, d] = tetrahedra_.values_of(t, range.attribute);
       return std::isnan(a + b + c + d);
     });
@@ -212,11 +141,11 @@ class ChunkIntegration {
     pieces_.push_back(piece);
   }
 
-  void integrate(const Piece& piece, std::size_t attribute, AttributeSums& sums) const {
+  void integrate(const Piece& piece, std::size_t attribute, ValueSums& sums) const {
     const std::array<double, 4> values = tetrahedra_.values_of(piece.tetrahedron, attribute);
     const double mean = tetrahedra_.constant ? values[0] : mean_of(values, piece.centroid);
     if (std::isnan(mean)) return sums.missing.add(piece.volume);
-    sums.volume.add(piece.volume);
+    sums.size.add(piece.volume);
     sums.integral.add(piece.volume * mean);
     const auto [low, high] = std::minmax({values[0], values[1], values[2], values[3]});
     if (low < sums.low.value || high > sums.high.value) find_extremes(piece, attribute, values, sums);
@@ -224,11 +153,10 @@ class ChunkIntegration {
 
   // Looks at all vertices of a piece.
   void find_extremes(const Piece& piece, std::size_t attribute, const std::array<double, 4>& values,
-                     AttributeSums& sums) const {
+                     ValueSums& sums) const {
     const std::array<dvec3, 4> corners = tetrahedra_.corners_of(piece.tetrahedron);
     const auto look = [&](double value, const CornerWeights& weights) {
-      if (value < sums.low.value) sums.low = {value, position_at(corners, weights)};
-      if (value > sums.high.value) sums.high = {value, position_at(corners, weights)};
+      sums.look_at(value, position_at(corners, weights));
     };
     if (tetrahedra_.constant) return look(values[0], piece.centroid);
     if (piece.first_vertex == piece.vertices_end)
@@ -239,12 +167,12 @@ class ChunkIntegration {
 
   // The value at which a range cuts is that of the range, and not one that rounding has moved out.
   [[nodiscard]] double within_ranges(double value, std::size_t attribute) const {
-    for (const Limits& range : region_.ranges)
+    for (const ValueLimits& range : region_.ranges)
       if (range.attribute == attribute) value = std::clamp(value, range.low, range.high);
     return value;
   }
 
-  const Region& region_;
+  const IntegralRegion& region_;
   const Tetrahedra& tetrahedra_;
   Sums& sums_;
   std::vector<Cut> cuts_;
@@ -254,88 +182,8 @@ class ChunkIntegration {
   std::vector<CornerWeights> vertices_;  // of pieces that are not whole
 };
 
-Status check_request(const IntegralRequest& request, const std::string& name) {
-  if (request.box && !glm::all(glm::lessThanEqual(request.box->low, request.box->high)))
-    return fail(ErrorCode::invalid_argument, "{}: the box is none: give the lower corner first", name);
-  for (const HalfSpace& plane : request.clip_planes)
-    for (int axis = 0; axis < 3; ++axis)
-      if (!std::isfinite(plane.point[axis]) || !std::isfinite(plane.normal[axis]) || plane.normal == dvec3(0))
-        return fail(ErrorCode::invalid_argument,
-                    "{}: a clip plane has a finite point and a finite normal that is not 0, 0, 0", name);
-  for (const ValueRange& range : request.ranges)
-    if (!(range.low <= range.high))
-      return fail(ErrorCode::invalid_argument, "{}: the range of \"{}\" is none: give the lower value first", name,
-                  range.attribute);
-  return {};
-}
-
-HalfSpace scaled(const HalfSpace& plane) {
-  const dvec3 sizes = glm::abs(plane.normal);
-  return {plane.point, plane.normal / std::max({sizes.x, sizes.y, sizes.z})};
-}
-
-// Makes the region, and adds attributes of its ranges to those that are read.
-Result<Region> region_of(const format::VolumeInfo& info, const IntegralRequest& request, const std::string& name,
-                         std::vector<std::size_t>& attributes) {
-  SPLATVOL_TRY(check_request(request, name));
-  Region region{request.box.value_or(format::SplatSelection().box), {}, {}};
-  for (const HalfSpace& plane : request.clip_planes) region.half_spaces.push_back(scaled(plane));
-  for (const ValueRange& range : request.ranges) {
-    SPLATVOL_TRY_ASSIGN(number, format::find_attribute(info, range.attribute, name));
-    const auto attribute = static_cast<std::size_t>(number);
-    const auto found = std::ranges::find(attributes, attribute);
-    region.ranges.push_back({static_cast<std::size_t>(found - attributes.begin()), range.low, range.high});
-    if (found == attributes.end()) attributes.push_back(attribute);
-  }
-  return region;
-}
-
-// The ranges by which chunks are left out: the first two whose attributes are missing nowhere. Where they are, volume
-// without a value is counted.
-class VisibleChunks {
- public:
-  VisibleChunks(const format::VolumeInfo& info, const Region& region, const std::vector<std::size_t>& attributes)
-      : info_(info) {
-    for (const Limits& range : region.ranges)
-      if (info.attributes[attributes[range.attribute]].missing == 0 && ranges_.size() < 2)
-        ranges_.push_back({attributes[range.attribute], range.low, range.high});
-  }
-
-  [[nodiscard]] format::SummaryAttributes summaries() const {
-    format::SummaryAttributes summaries;
-    if (!ranges_.empty()) summaries.values = static_cast<int>(ranges_[0].attribute);
-    if (ranges_.size() > 1) summaries.opacity = static_cast<int>(ranges_[1].attribute);
-    return summaries;
-  }
-
-  [[nodiscard]] bool operator()(const format::CellPage& page, std::size_t chunk) const {
-    return (ranges_.empty() || meets(ranges_[0], page.summaries[chunk])) &&
-           (ranges_.size() < 2 || meets(ranges_[1], page.opacity_summaries[chunk]));
-  }
-
- private:
-  [[nodiscard]] bool meets(const Limits& range, const format::ValueSummary& summary) const {
-    const format::Attribute& attribute = info_.attributes[range.attribute];
-    return attribute.value(double{summary.min}) <= range.high && attribute.value(double{summary.max}) >= range.low;
-  }
-
-  const format::VolumeInfo& info_;
-  std::vector<Limits> ranges_;  // with indices into VolumeInfo::attributes
-};
-
-Integral integral_of(const AttributeSums& sums, std::string name, const std::string& unit) {
-  Integral integral{.name = std::move(name),
-                    .unit = unit,
-                    .volume = sums.volume.value(),
-                    .missing_volume = sums.missing.value(),
-                    .integral = sums.integral.value()};
-  if (!(integral.volume > 0)) return integral;
-  integral.mean = integral.integral / integral.volume;
-  integral.low = sums.low.value;
-  integral.high = sums.high.value;
-  integral.low_position = sums.low.position;
-  integral.high_position = sums.high.position;
-  return integral;
+Integral integral_of(const ValueSums& sums, std::string name, const std::string& unit) {
+  return {sums.result(std::move(name), unit), sums.size.value(), sums.missing.value()};
 }
 
 }  // namespace
@@ -346,14 +194,14 @@ Result<Integrals> integrate_cells(const format::Volume& volume, const IntegralRe
   SPLATVOL_TRY_ASSIGN(selection, format::select_splats(volume, {}, request.attributes, format::SplatSelection().box));
   std::vector<std::size_t> attributes = selection.attributes;
   SPLATVOL_TRY_ASSIGN(region, region_of(info, request, volume.name(), attributes));
-  const VisibleChunks is_visible(info, region, attributes);
+  const VisibleChunks is_visible(info, region.ranges, attributes);
   SPLATVOL_TRY_ASSIGN(cells, CellTetrahedra::open(volume, attributes, own_room(std::min(memory, most_held_bytes)),
                                                   is_visible.summaries()));
   if (!cells) return fail_without_cells(volume);
   SPLATVOL_TRY_ASSIGN(chunks,
-                      cells->chunks([&](const Box& box) { return meets(region, box, cells->rounding()); }, is_visible));
+                      cells->chunks([&](const Box& box) { return region.meets(box, cells->rounding()); }, is_visible));
 
-  Sums all{{}, {}, std::vector<AttributeSums>(selection.attributes.size())};
+  Sums all{{}, {}, std::vector<ValueSums>(selection.attributes.size())};
   SPLATVOL_TRY(cells->for_each<Sums>(
       chunks,
       [&](const format::CellChunkEntry&, const Tetrahedra& tetrahedra, Sums& sums) -> Status {

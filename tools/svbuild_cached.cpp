@@ -26,6 +26,7 @@
 #include "base/temporary_names.h"
 #include "builder/cache/build_cache.h"
 #include "tools/ending.h"
+#include "tools/progress_lines.h"
 #include "tools/reading.h"
 #include "tools/tool.h"
 #include "tools/version.h"
@@ -33,30 +34,14 @@
 namespace splatvol {
 namespace {
 
-constexpr double least_seconds_between_lines = 0.1;
 constexpr const char* other_ways = "give -o OUT.svol, or another folder in SPLATVOL_CACHE";
 
-// Lines of JSON for the program that started this one. Each is written at once.
-class Lines {
- public:
-  void print(const nlohmann::ordered_json& value) {
-    const std::string line = json_text(value) + "\n";
-    (void)!::write(STDOUT_FILENO, line.data(), line.size());
-  }
-
-  void show(const BuildShare::State& state) {
-    const double now = seconds_now();
-    if (now - last_ < least_seconds_between_lines) return;
-    last_ = now;
-    nlohmann::ordered_json line = {{"stage", state.stage}, {"share", std::floor(1e4 * state.share) / 1e4}};
-    line["seconds_left"] =
-        state.seconds_left ? nlohmann::ordered_json(std::round(10 * *state.seconds_left) / 10) : nullptr;
-    print(line);
-  }
-
- private:
-  double last_ = 0;
-};
+nlohmann::ordered_json line_of(const BuildShare::State& state) {
+  nlohmann::ordered_json line = {{"stage", state.stage}, {"share", std::floor(1e4 * state.share) / 1e4}};
+  line["seconds_left"] =
+      state.seconds_left ? nlohmann::ordered_json(std::round(10 * *state.seconds_left) / 10) : nullptr;
+  return line;
+}
 
 // A build on behalf of another program gives way to what somebody looks at.
 void lower_priority() {
@@ -224,7 +209,10 @@ class CachedRun {
   }
 
   void show(const BuildShare::State& state) {
-    if (options_.progress) return lines_.show(state);
+    if (options_.progress) {
+      if (lines_.is_due()) lines_.print(line_of(state));
+      return;
+    }
     bar_->rename(state.stage);
     bar_->update(state.share);
   }
@@ -238,7 +226,7 @@ class CachedRun {
   std::optional<BuildCache::Place> place_;
   std::vector<std::string> notes_;
   bool is_temporary_ = false, was_built_ = false;
-  Lines lines_;
+  ProgressLines lines_;
   std::optional<ProgressBar> bar_;
 };
 
@@ -291,7 +279,7 @@ Status build_cached(const CacheOptions& options, const CachedBuild& build) {
     }
   };
   Status done = run();
-  if (!done && options.progress) Lines().print({{"error", done.error().message}});
+  if (!done && options.progress) ProgressLines().print({{"error", done.error().message}});
   return done;
 }
 

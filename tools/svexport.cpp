@@ -8,11 +8,13 @@
 #include <nlohmann/json.hpp>
 
 #include "base/json.h"
+#include "tools/ending.h"
 #include "tools/export/cell_export.h"
 #include "tools/export/contour_export.h"
 #include "sampler/line_export.h"
 #include "tools/export/vdb_export.h"
 #include "tools/export/vtu_export.h"
+#include "tools/progress_lines.h"
 #include "tools/steps.h"
 #include "tools/tool.h"
 
@@ -35,7 +37,7 @@ struct Options {
   double voxel = 0;
   std::string memory;
   Replace replace = Replace::exports;
-  bool json = false;
+  bool json = false, progress = false;
 
   [[nodiscard]] bool is_vdb() const { return output.ends_with(".vdb"); }
   [[nodiscard]] bool is_table() const { return output.ends_with(".csv"); }
@@ -81,14 +83,18 @@ void check_usage(const Options& options) {
     if (!(options.box[axis] <= options.box[axis + 3])) wrong_option("--box", "the first corner must be the lower one");
 }
 
-std::function<void(double)> show_progress() {
+std::function<void(double)> show_progress(const Options& options) {
+  if (options.progress)
+    return [lines = std::make_shared<ProgressLines>()](double share) {
+      if (lines->is_due()) lines->print({{"share", share}});
+    };
   return [bar = std::make_shared<ProgressBar>("exporting")](double fraction) { bar->update(fraction); };
 }
 
 Result<json> export_voxels(const format::Volume& volume, const format::SplatSelection& selection,
                            const Options& options) {
   SPLATVOL_TRY_ASSIGN(memory, memory_or_quarter(options.memory));
-  const auto progress = show_progress();
+  const auto progress = show_progress(options);
   SPLATVOL_TRY_ASSIGN(report,
                       export_vdb(volume, options.output, selection, options.voxel, memory, progress, options.replace));
   return json{{"output", options.output},        {"splats", report.splats},         {"voxels", report.voxels},
@@ -107,7 +113,7 @@ json with_errors(json report, const format::Volume& volume, const format::SplatS
 
 Result<json> export_mesh(const format::Volume& volume, const format::SplatSelection& selection,
                          const Options& options) {
-  const auto progress = show_progress();
+  const auto progress = show_progress(options);
   SPLATVOL_TRY_ASSIGN(report, export_cells(volume, options.output, selection, progress, options.replace));
   return with_errors({{"output", options.output},
                       {"cells", report.cells},
@@ -128,7 +134,7 @@ Result<json> export_surface(const format::Volume& volume, const format::SplatSel
                 "{}: has several attributes: --attribute chooses that of the contour, of {}", volume.name(),
                 fmt::join(selection.names, ", "));
   SPLATVOL_TRY_ASSIGN(memory, memory_or_quarter(options.memory));
-  const auto progress = show_progress();
+  const auto progress = show_progress(options);
   SPLATVOL_TRY_ASSIGN(
       report, export_contour(volume, options.output, selection, *options.contour, memory, progress, options.replace));
   json result = with_errors({{"output", options.output},
@@ -160,7 +166,7 @@ Result<json> export_table(const format::Volume& volume, const format::SplatSelec
 
 Result<json> export_points(const format::Volume& volume, const format::SplatSelection& selection,
                            const Options& options) {
-  const auto progress = show_progress();
+  const auto progress = show_progress(options);
   SPLATVOL_TRY_ASSIGN(report, export_vtu(volume, options.output, selection, progress, options.replace));
   return with_errors({{"output", options.output},
                       {"points", report.points},
@@ -237,13 +243,23 @@ Status run_export(const Options& options) {
                                                  : export_points;
   SPLATVOL_TRY_ASSIGN(report, export_it(*volume, selection, options));
   report["seconds"] = seconds_now() - start;
-  if (options.json)
+  if (options.progress)
+    ProgressLines().print({{"result", report}});
+  else if (options.json)
     fmt::print("{}\n", json_text(report, 1));
   else {
     print_text(report);
     tell_nearest(options.output, steps, options.step, step);
   }
   return {};
+}
+
+// For a program that started this one: it ends with that, and says in a line what is wrong.
+Status run_for_program(const Options& options) {
+  end_with_parent();
+  Status done = run_export(options);
+  if (!done) ProgressLines().print({{"error", done.error().message}});
+  return done;
 }
 
 void add_file_options(CommandLine& app, Options& options) {
@@ -324,6 +340,7 @@ void add_selection_options(CommandLine& app, Options& options) {
       ->check(check_of(parse_bytes));
   add_force_option(app, options.replace);
   app.add_flag("--json", options.json, "Print the result as JSON");
+  app.add_flag("--progress", options.progress, "For programs: print lines of JSON, the last with the result");
 }
 
 }  // namespace
@@ -339,5 +356,5 @@ int main(int argc, char** argv) {
   add_file_options(app, options);
   add_selection_options(app, options);
   app.callback([&] { check_usage(options); });
-  return run_tool(app, argc, argv, [&] { return run_export(options); });
+  return run_tool(app, argc, argv, [&] { return options.progress ? run_for_program(options) : run_export(options); });
 }

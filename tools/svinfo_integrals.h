@@ -1,4 +1,4 @@
-// svinfo --integrate: integrals over the cells that a file keeps.
+// svinfo --integrate: integrals over the cells that a file keeps, or over a surface in them.
 #pragma once
 
 #include <string>
@@ -14,6 +14,9 @@ struct IntegralOptions {
   std::vector<double> box;               // two corners; empty: none
   std::vector<std::string> clip_planes;  // parse_plane takes them
   std::vector<std::string> ranges;       // NAME=A:B
+  std::string contour;                   // NAME=VALUE; empty: none
+  std::string slice;                     // as a plane; empty: none
+  std::string flux;                      // a vector; empty: none
   std::string memory;
 };
 

@@ -2,9 +2,12 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <numeric>
+#include <tuple>
 
 #include "base/file.h"
 #include "base/json.h"
@@ -47,7 +50,8 @@ struct Mesh {
   std::vector<std::string> attributes;      // of the scene
   std::vector<std::vector<double>> values;  // [attribute]: of the points
   std::vector<std::array<std::uint32_t, 4>> tetrahedra;
-  bool constant = false;  // values: of the tetrahedra
+  bool constant = false;                     // values: of the tetrahedra
+  std::vector<std::uint32_t> vertices = {};  // as TetMesh::vertices
 
   // None for an empty name.
   [[nodiscard]] std::span<const double> values_of(const std::string& attribute) const {
@@ -61,7 +65,8 @@ struct Mesh {
             tetrahedra,
             constant,
             values_of(opacity_attribute_of(scene)),
-            values_of(contours_of(scene).attribute)};
+            values_of(contours_of(scene).attribute),
+            vertices};
   }
 };
 
@@ -107,6 +112,27 @@ Status append_piece(const Piece& piece, Mesh& mesh) {
   return {};
 }
 
+/// Finds copies of vertices that pieces share: of one position and value, as svbuild joins them.
+std::vector<std::uint32_t> find_copies(const Mesh& mesh) {
+  const std::vector<double>& values = mesh.values.front();
+  std::vector<std::uint32_t> order(mesh.points.size()), vertices(mesh.points.size());
+  std::iota(order.begin(), order.end(), 0U);
+  const auto key = [&](std::uint32_t i) {
+    const dvec3& point = mesh.points[i];
+    return std::tuple(point.x, point.y, point.z, values[i]);
+  };
+  // What is missing has no order.
+  std::erase_if(order, [&](std::uint32_t i) {
+    const auto [x, y, z, value] = key(i);
+    vertices[i] = i;
+    return std::isnan(x + y + z + value);
+  });
+  std::ranges::sort(order, {}, key);
+  for (std::size_t i = 1; i < order.size(); ++i)
+    if (key(order[i]) == key(order[i - 1])) vertices[order[i]] = vertices[order[i - 1]];
+  return vertices;
+}
+
 /// Reads the attributes of a scene. `boundary`: gets the faces of all pieces; may be null.
 Result<Mesh> read_mesh(const std::vector<std::string>& paths, const Scene& scene, SourceOptions source_options,
                        const ReaderProcessOptions& reader_options, BoundaryFaces* boundary) {
@@ -127,6 +153,8 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const Scene& scene
     bar.update(static_cast<double>(read) / static_cast<double>(source->piece_count()));
   }
   if (mesh.tetrahedra.empty()) return fail(ErrorCode::invalid_data, "{}: no cells with a volume", paths.front());
+  if (source->piece_count() > 1 && !contours_of(scene).surfaces.empty() && !mesh.constant)
+    mesh.vertices = find_copies(mesh);
   return mesh;
 }
 

@@ -6,11 +6,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "pictures/ticks.h"
+#include "player/contour_export.h"
 #include "scene/scene.h"
 #include "viewer/coloring.h"
 #include "viewer/window/gui_units.h"
@@ -30,22 +33,6 @@ void add_contour(Scene& scene) {
     if (places[i] - places[i - 1] > places[widest] - places[widest - 1]) widest = i;
   const double value = function.value_at(0.5 * (places[widest - 1] + places[widest]));
   if (!have_value(scene.contours, value)) scene.contours.push_back({.values = {value}});
-}
-
-// Values run along the axis of the colours. No two are equal.
-void draw_values(Scene& scene, SceneContour& contour) {
-  const TransferFunction& function = scene.transfer_function;
-  const std::string number = fmt::format("%.{}g", digits_of_range(function.lo, function.hi));
-  const auto flags = function.axis == ValueAxis::log && function.lo > 0 ? ImGuiSliderFlags_Logarithmic : 0;
-  for (std::size_t i = 0; i < contour.values.size(); ++i) {
-    double value = contour.values[i];
-    ImGui::PushID(static_cast<int>(i));
-    if (ImGui::SliderScalar("value", ImGuiDataType_Double, &value, &function.lo, &function.hi, number.c_str(), flags) &&
-        std::isfinite(value) && !have_value(scene.contours, value))
-      contour.values[i] = value;
-    ImGui::PopID();
-    hint("In the attribute's unit.\nControl click: type a number, also beyond the colours.");
-  }
 }
 
 // All contours that another attribute colours have the same colours.
@@ -83,23 +70,85 @@ void draw_color(Session& session, SceneContour& contour) {
     for (int i = 0; i < 3; ++i) rgb[i] = linear_of(static_cast<double>(encoded[static_cast<std::size_t>(i)]));
 }
 
-// Returns whether the contour is to be removed. A click changes rows below it only.
-bool draw_contour(Session& session, SceneContour& contour, std::size_t number) {
-  ImGui::Checkbox(fmt::format("contour {}", number + 1).c_str(), &contour.shown);
-  ImGui::SameLine();
-  const bool is_removed = ImGui::SmallButton("remove");
-  draw_values(session.scene, contour);
-  const double clear = 0, opaque = 1;
-  ImGui::SliderScalar("opacity", ImGuiDataType_Double, &contour.opacity, &clear, &opaque, "%.2f");
-  contour.opacity = std::clamp(contour.opacity, clear, opaque);
-  draw_color(session, contour);
-  return is_removed;
+// Why cells give no contour; empty: they do.
+std::string reason_against(const format::VolumeInfo& info) {
+  return info.cells ? "" : "The file keeps no cells: build it without --drop-cells.";
+}
+
+// A hint that also tells why a control is off.
+void hint_or_reason(const char* text, const std::string& reason) {
+  if (ImGui::IsItemHovered(ImGuiHoveredFlags_AllowWhenDisabled))
+    ImGui::SetTooltip("%s", reason.empty() ? text : reason.c_str());
 }
 
 }  // namespace
 
-void draw_contour_section(Session& session) {
+void ContourSection::begin(const std::string& stem) {
+  name_.set(stem + ".vtp");
+  measures_.reset();
+}
+
+// Values run along the axis of the colours. No two are equal.
+void ContourSection::draw_values(SceneContour& contour) {
+  Scene& scene = viewer_.session->scene;
+  const TransferFunction& function = scene.transfer_function;
+  const std::string number = fmt::format("%.{}g", digits_of_range(function.lo, function.hi));
+  const auto flags = function.axis == ValueAxis::log && function.lo > 0 ? ImGuiSliderFlags_Logarithmic : 0;
+  for (std::size_t i = 0; i < contour.values.size(); ++i) {
+    double value = contour.values[i];
+    ImGui::PushID(static_cast<int>(i));
+    if (ImGui::SliderScalar("value", ImGuiDataType_Double, &value, &function.lo, &function.hi, number.c_str(), flags) &&
+        std::isfinite(value) && !have_value(scene.contours, value))
+      contour.values[i] = value;
+    hint("In the attribute's unit.\nControl click: type a number, also beyond the colours.");
+    draw_size(contour.values[i]);
+    ImGui::PopID();
+  }
+}
+
+// In the units of the positions. The row stays while the size is not known.
+void ContourSection::draw_size(double value) {
+  const std::string reason = reason_against(viewer_.session->info());
+  ImGui::BeginDisabled(!reason.empty() || is_exporting());
+  if (ImGui::SmallButton("export")) export_contour(value);
+  ImGui::EndDisabled();
+  hint_or_reason("Writes the whole contour to the file below, as svexport does", reason);
+  ImGui::SameLine();
+  const auto size = measures_.size_of(value);
+  const std::string text = !reason.empty() ? ""
+                           : !size         ? "area ..."
+                           : std::isnan(size->volume)
+                               ? fmt::format("area {:.5g}", size->area)
+                               : fmt::format("area {:.5g}, volume {:.5g}", size->area, size->volume);
+  ImGui::BeginDisabled(!size);
+  ImGui::TextUnformatted(text.c_str());
+  ImGui::EndDisabled();
+  hint("Of the whole contour. A volume is inside one that is closed;\nit is negative round a hole.");
+}
+
+void ContourSection::draw_contour(SceneContour& contour) {
+  draw_values(contour);
+  const double clear = 0, opaque = 1;
+  ImGui::SliderScalar("opacity", ImGuiDataType_Double, &contour.opacity, &clear, &opaque, "%.2f");
+  contour.opacity = std::clamp(contour.opacity, clear, opaque);
+  draw_color(*viewer_.session, contour);
+}
+
+// Nothing is measured while a control is held: a value that is dragged changes with each frame.
+void ContourSection::measure() {
+  Session& session = *viewer_.session;
+  if (!reason_against(session.info()).empty() || session.is_reading()) return;
+  const Status measured =
+      measures_.update(viewer_.host, session.steps(), session.step(), session.scene, session.settings.memory / 8,
+                       ImGui::GetIO().DeltaTime, ImGui::IsAnyItemActive());
+  if (!measured) viewer_.messages.error(measured.error().message);
+}
+
+void ContourSection::draw() {
+  Session& session = *viewer_.session;
   std::vector<SceneContour>& contours = session.scene.contours;
+  is_drawn_ = true;
+  measure();
   ImGui::PushID("contours");
   ImGui::BeginDisabled(contours.size() >= most_contour_values);
   if (ImGui::SmallButton("add contour")) add_contour(session.scene);
@@ -110,11 +159,50 @@ void draw_contour_section(Session& session) {
   std::optional<std::size_t> removed;
   for (std::size_t i = 0; i < contours.size(); ++i) {
     ImGui::PushID(static_cast<int>(i));
-    if (draw_contour(session, contours[i], i)) removed = i;
+    ImGui::Checkbox(fmt::format("contour {}", i + 1).c_str(), &contours[i].shown);
+    ImGui::SameLine();
+    if (ImGui::SmallButton("remove")) removed = i;  // a click changes rows below it only
+    draw_contour(contours[i]);
     ImGui::PopID();
   }
+  if (!contours.empty()) name_.draw("file##contour");
   if (removed) contours.erase(contours.begin() + static_cast<std::ptrdiff_t>(*removed));
   ImGui::PopID();
+}
+
+void ContourSection::export_contour(double value) {
+  const Session& session = *viewer_.session;
+  const std::string path = name_.text();
+  ContourExportRequest request{.file = session.converted() ? session.converted()->path : session.path(),
+                               .step = {},
+                               .attribute = session.scene.attribute,
+                               .value = value,
+                               .output = path};
+  if (!session.times().empty()) request.step = session.step();
+  std::error_code error;
+  request.replaces = std::filesystem::exists(path, error);
+  save_.save(path, [this, request] {
+    path_ = request.output;
+    share_ = std::make_shared<std::atomic<double>>(0);
+    exported_ = {viewer_.host, [request, share = share_] {
+                   return export_contour_aside(request, [&](double done) { *share = done; });
+                 }};
+  });
+}
+
+void ContourSection::draw_progress() {
+  if (!is_exporting()) return;
+  if (!exported_.wait()) {
+    const Messages::Work work{
+        .name = "export", .text = "exporting " + path_, .buttons = {"stop"}, .share = share_->load()};
+    if (viewer_.messages.draw(work)) stop_exporting();
+    return;
+  }
+  const Result<std::uint64_t> triangles = exported_.take();
+  if (triangles)
+    viewer_.messages.note(fmt::format("saved {}: {} triangles", path_, *triangles));
+  else if (triangles.error().code != ErrorCode::cancelled)
+    viewer_.messages.error(triangles.error().message);
 }
 
 }  // namespace splatvol

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <filesystem>
 
-#include "viewer/contour_section.h"
 #include "viewer/window/gui_units.h"
 
 namespace splatvol {
@@ -57,6 +56,8 @@ void Panel::begin() {
   movie.begin(stem);
   mesh.begin(stem);
   line.begin(stem);
+  contours.begin(stem);
+  measure.begin();
   planes.reset();
   surfaces_ = {};
 }
@@ -66,6 +67,8 @@ void Panel::end() {
   save.end();
   path.stop();
   line.end();
+  contours.end();
+  measure.end();
 }
 
 bool Panel::holds_scene() const { return ImGui::IsAnyItemActive() || path.is_playing() || movie.filming(); }
@@ -145,13 +148,15 @@ std::optional<std::string> Panel::draw_sections() {
   if (ImGui::CollapsingHeader("save")) file = save.draw();
   if (ImGui::CollapsingHeader("slices, clip planes"))
     planes.draw_panel(session.scene, session.view(), session.bounds());
-  if (ImGui::CollapsingHeader("contours")) draw_contour_section(session);
+  if (ImGui::CollapsingHeader("contours")) contours.draw();
   if (ImGui::CollapsingHeader("line")) line.draw();
+  if (ImGui::CollapsingHeader("measure")) measure.draw();
   return file;
 }
 
 Panel::Wishes Panel::draw() {
   Wishes wishes;
+  contours.begin_frame();
   if (!viewer_.panel()) {
     if (viewer_.is_narrow()) draw_panel_button(viewer_);
     return wishes;

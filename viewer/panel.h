@@ -5,7 +5,9 @@
 #include <string>
 #include <vector>
 
+#include "viewer/contour_section.h"
 #include "viewer/line_section.h"
+#include "viewer/measure_section.h"
 #include "viewer/mesh_section.h"
 #include "viewer/movie_section.h"
 #include "viewer/path_section.h"
@@ -26,6 +28,8 @@ class Panel {
         movie(viewer, save, path),
         mesh(viewer, save),
         line(viewer, save),
+        contours(viewer, save),
+        measure(viewer),
         viewer_(viewer) {}
 
   struct Wishes {
@@ -51,11 +55,18 @@ class Panel {
   /// Whether pictures are drawn for a file.
   [[nodiscard]] bool is_saving() const { return save.saving() || movie.filming(); }
 
+  /// Whether jobs of sections are at work, of which they tell.
+  [[nodiscard]] bool has_jobs() const {
+    return mesh.is_saving() || contours.is_exporting() || contours.is_measuring() || measure.is_begun();
+  }
+
   SaveSection save;
   PathSection path;
   MovieSection movie;
   MeshSection mesh;
   LineSection line;
+  ContourSection contours;
+  MeasureSection measure;
   SliceControls planes;
 
  private:

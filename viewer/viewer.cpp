@@ -224,11 +224,13 @@ bool Viewer::is_note_over(double seconds) const {
 
 bool Viewer::is_settled(double seconds) const { return state_.is_minimised() || (!opening_ && rests(seconds)); }
 
-bool Viewer::rests(double seconds) const {
+bool Viewer::rests(double seconds) const { return is_still(seconds) && !panel_.has_jobs(); }
+
+bool Viewer::is_still(double seconds) const {
   const Session* session = state_.session.get();
   if (is_note_over(seconds)) return false;
   if (state_.steering.is_moving() || panel_.is_saving()) return false;
-  if (pins_.is_busy() || panel_.line.is_busy() || panel_.mesh.is_saving() || windows_wait_seconds()) return false;
+  if (pins_.is_busy() || panel_.line.is_busy() || windows_wait_seconds()) return false;
   return events_.is_empty() && !is_busy() && state_.pending_frames == 0 && !panel_.path.is_playing() &&
          !state_.steering.flies_on() && (!session || (session->is_settled() && !session->is_playing()));
 }
@@ -256,7 +258,8 @@ double Viewer::patience(double seconds) const {
     return note ? std::clamp(*note - seconds, 0.0, for_events) : for_events;
   }
   if (awaits_picture()) return for_picture;
-  if (opening_ && opening_->conversion() && rests(seconds)) return for_progress;
+  const bool has_progress = (opening_ && opening_->conversion()) || panel_.has_jobs();
+  if (has_progress && is_still(seconds)) return for_progress;
   const bool goes_on = has_drawn_ || !events_.is_empty() || state_.pending_frames > 0;
   return goes_on ? 0 : for_change;
 }
@@ -540,6 +543,8 @@ void Viewer::draw_toasts() {
   draw_opening();
   panel_.movie.draw_progress();
   panel_.mesh.draw_progress();
+  panel_.contours.draw_progress();
+  panel_.measure.draw_progress();
   if (const auto axis = state_.messages.draw()) {
     state_.session->choose_up(static_cast<int>(*axis));
     state_.session->show_all();

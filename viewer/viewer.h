@@ -122,7 +122,8 @@ class Viewer {
   [[nodiscard]] Status present(double seconds);
   [[nodiscard]] bool is_busy() const { return idle_seconds_ < pause_seconds; }
   [[nodiscard]] bool is_note_over(double seconds) const;
-  [[nodiscard]] bool rests(double seconds) const;  // but for a file that is being opened
+  [[nodiscard]] bool rests(double seconds) const;     // but for a file that is being opened
+  [[nodiscard]] bool is_still(double seconds) const;  // and for the panel's jobs
 
   // What Esc ends, besides dialogs and errors.
   struct Ending {

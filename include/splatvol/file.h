@@ -163,6 +163,12 @@ class SPLATVOL_EXPORT File {
   /// attribute, and if the region is none.
   [[nodiscard]] Result<Integrals> integrate(const IntegralRequest& request = {}) const;
 
+  /// Returns the same over a surface in the cells: a contour, or a slice, with its area, the flux of a vector through
+  /// it, and the volume inside of a closed contour. It is that of `contour`, and of the distance from a plane; the
+  /// region of the request cuts it exactly. A face of cells in the plane of a slice counts once. Fails also if a
+  /// contour's cells have values of their own.
+  [[nodiscard]] Result<SurfaceIntegrals> integrate_surface(const SurfaceRequest& request) const;
+
   /// Checks every byte of the file; of an index, of the files of all steps, and its units and ranges. Calls `progress`
   /// with the share done, in [0, 1].
   [[nodiscard]] Status verify(const std::function<void(double)>& progress = {}) const;

@@ -142,12 +142,18 @@ struct FoundSegment {
   std::int16_t x, y;
 };
 
+/// The gradient in a cell as contours have it, in view coordinates: linear between those of the points.
+using NormalInCell = std::array<FieldOnScreen, 3>;
+
 /// What rays may meet in a cell.
 struct EventsOfCell {
   std::int32_t first, end;                       // contours
   std::uint32_t contour_at;                      // the first of them: in CellsOnScreen::contours
+  std::uint32_t normal_at;                       // in CellsOnScreen::normals, if it has contours
   std::uint64_t slices;                          // a bit for each
   std::array<std::uint64_t, 4> slices_of_faces;  // those in which faces lie, in the order of CellOnScreen::faces
+
+  [[nodiscard]] bool has_contours() const { return first < end; }
 };
 
 /// The values in a cell less that of a contour, as u. Both cells of a face have the same bits here.
@@ -208,6 +214,7 @@ struct CellsOnScreen {
   std::vector<CellShading> shadings;  // [cell], if the frame has shades or events
   std::vector<EventsOfCell> events;   // [cell], if the frame has events
   std::vector<ContourInCell> contours;
+  std::vector<NormalInCell> normals;
   std::uint64_t slices = 0;  // that cut a cell; a bit for each
 
   // Cells that cover few pixels have these instead: those of one after the other.
@@ -237,7 +244,7 @@ struct CellsOnScreen {
   [[nodiscard]] std::uint64_t memory_bytes() const {
     const auto bytes_of = [](const auto& all) { return all.capacity() * sizeof(all[0]); };
     return cells.memory_bytes() + bytes_of(precise) + bytes_of(shadings) + bytes_of(events) + bytes_of(contours) +
-           bytes_of(found) + bytes_of(found_begins) + bytes_of(begins) + bytes_of(numbers);
+           bytes_of(normals) + bytes_of(found) + bytes_of(found_begins) + bytes_of(begins) + bytes_of(numbers);
   }
   void clear() {
     cells.clear();
@@ -245,6 +252,7 @@ struct CellsOnScreen {
     shadings.clear();
     events.clear();
     contours.clear();
+    normals.clear();
     found_begins.assign(1, 0);
     slices = 0;
     tiles_across = tiles_up = 0;
@@ -332,8 +340,13 @@ bool set_up_precise(const CellFrame& frame, const std::array<std::uint32_t, 4>& 
 ContourInCell contour_in(const CellFrame& frame, const std::array<std::uint32_t, 4>& corners, const CellSetup& setup,
                          const CellOnScreen& cell, const std::array<float, 4>& u);
 
-/// Sets screen.shadings and screen.events, and what cells show.
-void shade_cells(const CellFrame& frame, const Tetrahedra& cells, const CellSetup& setup, CellsOnScreen& screen);
+/// Sets screen.events, and what cells show. Requires events in the frame.
+void find_events(const CellFrame& frame, const Tetrahedra& cells, const CellSetup& setup, CellsOnScreen& screen);
+
+/// Sets screen.shadings and screen.normals. `gradients`: at the points, in world coordinates, if screen.normals has
+/// some. Requires screen.events if the frame has events.
+void shade_cells(const CellFrame& frame, const Tetrahedra& cells, std::span<const dvec3> gradients,
+                 const CellSetup& setup, CellsOnScreen& screen);
 
 /// Lists the cells of each tile, nearest first.
 void sort_into_tiles(CellSetup& setup, CellsOnScreen& screen);

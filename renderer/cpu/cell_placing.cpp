@@ -127,6 +127,33 @@ bool shows_matter(const FunctionPieces& function, float low, float high) {
 
 bool is_nan(float u) { return std::isnan(u); }
 
+// The numbers of a cell's corners; equal ones if it is constant.
+template <class Number>
+std::array<Number, 4> of_corners(const Tetrahedra& cells, std::size_t number, const std::vector<Number>& all) {
+  std::array<Number, 4> numbers{};
+  for (std::size_t k = 0; k < 4; ++k) numbers[k] = all[cells.constant ? number : cells.corners[number][k]];
+  return numbers;
+}
+
+// [axis of the view][corner]: gradients, of which the largest component is 1 or -1.
+std::array<std::array<double, 4>, 3> normals_in(const View& view, std::span<const dvec3> gradients,
+                                                const std::array<std::uint32_t, 4>& corners) {
+  std::array<std::array<double, 4>, 3> normals{};
+  double largest = 0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    const dvec3& gradient = gradients[corners[k]];
+    const dvec3 turned(glm::dot(gradient, view.right), glm::dot(gradient, view.up), glm::dot(gradient, view.forward));
+    for (int axis = 0; axis < 3; ++axis) {
+      normals[static_cast<std::size_t>(axis)][k] = turned[axis];
+      largest = std::max(largest, std::abs(turned[axis]));
+    }
+  }
+  if (!(largest > 0)) return {};
+  for (auto& axis : normals)
+    for (double& component : axis) component /= largest;
+  return normals;
+}
+
 // The slices that cut a cell; a bit for each.
 std::uint64_t slices_through(const CellSetup& setup, const std::array<std::uint32_t, 4>& corners) {
   if (setup.sides.empty()) return 0;
@@ -139,7 +166,7 @@ std::uint64_t slices_through(const CellSetup& setup, const std::array<std::uint3
 EventsOfCell list_events(const CellFrame& frame, const Tetrahedra& cells, std::size_t number, const CellSetup& setup,
                          const CellOnScreen& cell, CellsOnScreen& screen) {
   const std::array<std::uint32_t, 4>& corners = cells.corners[number];
-  EventsOfCell events{0, 0, static_cast<std::uint32_t>(screen.contours.size()), slices_through(setup, corners), {}};
+  EventsOfCell events{0, 0, static_cast<std::uint32_t>(screen.contours.size()), 0, slices_through(setup, corners), {}};
   for (std::size_t at = 0; at < 4 && events.slices != 0; ++at) {
     const auto& of_face = face_corners[cell.order >> (2 * at) & 3U];
     std::uint64_t& in_face = events.slices_of_faces[at] = events.slices;
@@ -241,46 +268,51 @@ void place_points(const CellFrame& frame, const Box& box, const Tetrahedra& cell
   }
 }
 
-// In double precision, as everything cancels where the eye is far away.
-void shade_cells(const CellFrame& frame, const Tetrahedra& cells, const CellSetup& setup, CellsOnScreen& screen) {
-  screen.shadings.resize(screen.cells.size());
-  if (frame.events) screen.events.resize(screen.cells.size());
+void find_events(const CellFrame& frame, const Tetrahedra& cells, const CellSetup& setup, CellsOnScreen& screen) {
+  screen.events.resize(screen.cells.size());
+  std::uint32_t normals = 0;
   for (std::size_t i = 0; i < screen.cells.size(); ++i) {
     const auto number = static_cast<std::size_t>(setup.numbers[i]);
-    const auto of_corners = [&](const auto& all) {
-      std::array<typename std::remove_cvref_t<decltype(all)>::value_type, 4> values{};
-      for (std::size_t k = 0; k < 4; ++k) values[k] = all[cells.constant ? number : cells.corners[number][k]];
-      return values;
-    };
-    bool has_contours = false;
-    if (frame.events) {
-      CellOnScreen& on_screen = screen.cells[i];
-      EventsOfCell& events = screen.events[i] = list_events(frame, cells, number, setup, on_screen, screen);
-      const bool is_missing = frame.opacity && std::ranges::any_of(of_corners(setup.opacities), is_nan);
-      if (is_missing) events.end = events.first;
-      has_contours = events.first < events.end;
-      on_screen.has_events = has_contours || events.slices != 0;
-      on_screen.shows_matter = !is_missing && shows_matter(*frame.function, on_screen.low, on_screen.high);
-      screen.slices |= events.slices;
-    }
+    CellOnScreen& on_screen = screen.cells[i];
+    EventsOfCell& events = screen.events[i] = list_events(frame, cells, number, setup, on_screen, screen);
+    const bool is_missing = frame.opacity && std::ranges::any_of(of_corners(cells, number, setup.opacities), is_nan);
+    if (is_missing) events.end = events.first;
+    events.normal_at = normals;
+    if (events.has_contours()) ++normals;
+    on_screen.has_events = events.has_contours() || events.slices != 0;
+    on_screen.shows_matter = !is_missing && shows_matter(*frame.function, on_screen.low, on_screen.high);
+    screen.slices |= events.slices;
+  }
+  screen.normals.resize(normals);
+}
+
+// In double precision, as everything cancels where the eye is far away.
+void shade_cells(const CellFrame& frame, const Tetrahedra& cells, std::span<const dvec3> gradients,
+                 const CellSetup& setup, CellsOnScreen& screen) {
+  screen.shadings.resize(screen.cells.size());
+  for (std::size_t i = 0; i < screen.cells.size(); ++i) {
+    const bool has_contours = frame.events && screen.events[i].has_contours();
     if (!frame.has_shades() && !has_contours) continue;
+    const auto number = static_cast<std::size_t>(setup.numbers[i]);
     CellInSpace cell;
     for (std::size_t k = 0; k < 4; ++k) cell.corners[k] = setup.in_view[cells.corners[number][k]];
-    const auto in_double = [&](const std::vector<float>& all) {
-      const std::array<float, 4> values = of_corners(all);
-      return std::array<double, 4>{values[0], values[1], values[2], values[3]};
-    };
     CellShading& shading = screen.shadings[i];
     shading = {};
     const std::optional<dvec3> reference = set_reference(frame, cell, screen.origin, shading);
-    if (frame.lighting || has_contours)
-      set_light(*frame.view, cell.gradient(of_corners(cells.values[0])), reference, shading);
+    if (frame.lighting)
+      set_light(*frame.view, cell.gradient(of_corners(cells, number, cells.values[0])), reference, shading);
     const auto field = [&](const std::vector<float>& all) {
-      return field_in(*frame.view, cell, in_double(all), reference, screen.origin);
+      const auto [p, q, r, s] = of_corners(cells, number, all);
+      return field_in(*frame.view, cell, {p, q, r, s}, reference, screen.origin);
     };
     if (frame.opacity) shading.opacity = field(setup.opacities);
-    if (!has_contours || !frame.contour_colors) continue;
-    shading.has_color = std::ranges::none_of(of_corners(setup.colors), is_nan);
+    if (!has_contours) continue;
+    const std::array<std::array<double, 4>, 3> normals = normals_in(*frame.view, gradients, cells.corners[number]);
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      screen.normals[screen.events[i].normal_at][axis] =
+          field_in(*frame.view, cell, normals[axis], reference, screen.origin);
+    if (!frame.contour_colors) continue;
+    shading.has_color = std::ranges::none_of(of_corners(cells, number, setup.colors), is_nan);
     if (shading.has_color) shading.color = field(setup.colors);
   }
 }

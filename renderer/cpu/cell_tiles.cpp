@@ -364,6 +364,28 @@ HWY_INLINE WholeSegments part_of(const WholeSegments& whole, Float from, Float t
   return part;
 }
 
+/// The factor on the colours of a contour at a place on a ray: by the gradients of the points.
+template <bool orthographic>
+HWY_INLINE Float light_on_contour(const CellTile& t, const CellWithEvents& c, const RaysInCell& rays, Float d,
+                                  Float z) {
+  const CellShading& shading = c.shading;
+  const NormalInCell& normal = t.screen.normals[c.events.normal_at];
+  const Float dx = rays.x - shading.x, dy = rays.y - shading.y, from_d = d - shading.d;
+  const Float nx = field_at(normal[0], dx, dy, from_d, z), ny = field_at(normal[1], dx, dy, from_d, z),
+              nz = field_at(normal[2], dx, dy, from_d, z);
+  Float along = nz, square = fma(nx, nx, fma(ny, ny, nz * nz));
+  if (!orthographic) {
+    const Float a = rays.x * t.per_pixel, b = rays.y * t.per_pixel;
+    along = fma(nx, a, fma(ny, b, nz));
+    square = square * fma(a, a, fma(b, b, 1.0F));
+  }
+  // Without a gradient it is lit as from the front.
+  const Float cosine = select(square > Float(1e-30F), abs(along) / sqrt(max(square, 1e-30F)), 1.0F);
+  const auto ambient = static_cast<float>(t.frame.contour_lighting.ambient),
+             diffuse = static_cast<float>(t.frame.contour_lighting.diffuse);
+  return fma(cosine, diffuse, ambient);
+}
+
 /// Adds contours, and the segments between them.
 template <bool orthographic, bool has_shades>
 HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const WholeSegments& whole,
@@ -404,7 +426,7 @@ HWY_INLINE void add_contours(const CellTile& t, const CellWithEvents& c, const W
       if (c.shading.has_color)
         color = field_at(c.shading.color, rays.x - c.shading.x, rays.y - c.shading.y, d - c.shading.d, z);
     }
-    const Float light = light_at<orthographic>(t, t.frame.contour_lighting, c.shading, rays.x, rays.y);
+    const Float light = light_on_contour<orthographic>(t, c, rays, d, z);
     const Float number =
         select(leave.is_above, Float(static_cast<float>(contours - i)), Float(static_cast<float>(contours + i + 1)));
     add_event<has_shades>(whole, met, d, number, color, light, tile);

@@ -257,6 +257,7 @@ class CellSweep {
   [[nodiscard]] bool shows(const Chunk& chunk) const;
   Status read_batch();
   Status read(const Chunk& chunk, CellsOnScreen& screen);
+  Status shade(const Chunk& chunk, const Tetrahedra& cells, const CellSetup& setup, CellsOnScreen& screen);
   [[nodiscard]] std::uint64_t most_in_batch() const;
   [[nodiscard]] Status read_chunks(std::size_t begin, std::size_t end);
   [[nodiscard]] std::uint64_t most_waiting() const;
@@ -531,7 +532,7 @@ void CellSweep::choose_batch(std::uint32_t first) {
   // A cell has about one contour, or none.
   const std::uint64_t bytes_of_cell =
       sizeof(CellOnScreen) + 2 * sizeof(std::uint32_t) +
-      (frame_.events ? sizeof(CellShading) + sizeof(EventsOfCell) + sizeof(ContourInCell) : 0);
+      (frame_.events ? sizeof(CellShading) + sizeof(EventsOfCell) + sizeof(ContourInCell) + sizeof(NormalInCell) : 0);
   batch_.first = first;
   batch_.chunks.clear();
   batch_.slots.clear();
@@ -611,8 +612,16 @@ Status CellSweep::read(const Chunk& chunk, CellsOnScreen& screen) {
   if (setup.seen.empty()) return {};
   place_points(frame_, chunk.box, cells, setup, screen);
   set_up_cells(frame_, cells, setup, screen);
-  if (frame_.has_shades() || frame_.events) shade_cells(frame_, cells, setup, screen);
+  if (frame_.has_shades() || frame_.events) SPLATVOL_TRY(shade(chunk, cells, setup, screen));
   sort_into_tiles(setup, screen);
+  return {};
+}
+
+Status CellSweep::shade(const Chunk& chunk, const Tetrahedra& cells, const CellSetup& setup, CellsOnScreen& screen) {
+  if (frame_.events) find_events(frame_, cells, setup, screen);
+  std::shared_ptr<const std::vector<dvec3>> gradients;
+  if (!screen.normals.empty()) SPLATVOL_TRY_SET(gradients, source_.gradients(chunk.source, cells, events_.values));
+  shade_cells(frame_, cells, gradients ? std::span(*gradients) : std::span<const dvec3>(), setup, screen);
   return {};
 }
 

@@ -14,6 +14,7 @@
 #include <mutex>
 #include <vector>
 
+#include "base/point_gradients.h"
 #include "renderer/reference/cell.h"
 #include "scene/clipped_depths.h"
 #include "scene/emission_absorption.h"
@@ -52,6 +53,7 @@ class CellProjection {
 
   ReferencePicture render(const std::function<void(double)>& progress) {
     transform_points();
+    if (!contours_.surfaces.empty()) find_normals();
     bound_cells();
     fill_tiles();
     draw_tiles(progress);
@@ -60,10 +62,10 @@ class CellProjection {
 
  private:
   struct Segment : Crossing {
-    double lighting;        // factor of the colour
-    Ends opacity_values{};  // if the scene has an opacity
-    double contour_lighting = 1;
-    Ends color_values{};  // if an attribute colours contours
+    double lighting;               // factor of the colour
+    Ends opacity_values{};         // if the scene has an opacity
+    std::array<Ends, 3> normal{};  // the gradient as contours have it, in view coordinates
+    Ends color_values{};           // if an attribute colours contours
   };
 
   /// The segments of a part of a tile, by pixel; kept between tiles for its memory.
@@ -79,6 +81,8 @@ class CellProjection {
   [[nodiscard]] std::array<double, 4> values(std::size_t cell, std::span<const double> all) const;
   [[nodiscard]] dvec3 gradient(std::size_t cell) const;
   [[nodiscard]] dvec3 direction(const PixelRay& ray) const;
+  void find_normals();
+  [[nodiscard]] bool has_contour(const std::array<double, 4>& values) const;
 
   void fill_tiles();
 
@@ -100,9 +104,10 @@ class CellProjection {
   Contours contours_;
   Image image_;
   TileGrid tiles_;
-  std::vector<dvec3> points_;               // view coordinates
-  std::vector<PixelRectangle> bounds_;      // of each cell
-  std::vector<std::uint64_t> tile_starts_;  // into tile_cells_; one more than tiles
+  std::vector<dvec3> points_;                   // view coordinates
+  std::array<std::vector<double>, 3> normals_;  // [axis][point]: of contours, in view coordinates
+  std::vector<PixelRectangle> bounds_;          // of each cell
+  std::vector<std::uint64_t> tile_starts_;      // into tile_cells_; one more than tiles
   std::vector<std::uint32_t> tile_cells_;
   std::atomic<std::uint64_t> segments_ = 0;
 };
@@ -141,6 +146,35 @@ dvec3 CellProjection::gradient(std::size_t cell) const {
   const CellCorners corners{mesh_.points[a], mesh_.points[b], mesh_.points[c], mesh_.points[d]};
   const dvec3 world = gradient_direction(corners, values(cell, mesh_.values));
   return {glm::dot(world, view_.right), glm::dot(world, view_.up), glm::dot(world, view_.forward)};
+}
+
+/// Finds the gradients at points in view coordinates, as numbers up to 1.
+void CellProjection::find_normals() {
+  std::vector<GradientSum> sums(mesh_.points.size());
+  add_gradients(mesh_.points, mesh_.tetrahedra, mesh_.values, sums);
+  if (!mesh_.vertices.empty()) {
+    std::vector<GradientSum> of_vertices(sums.size());
+    for (std::size_t i = 0; i < sums.size(); ++i) of_vertices[mesh_.vertices[i]].add(sums[i]);
+    for (std::size_t i = 0; i < sums.size(); ++i) sums[i] = of_vertices[mesh_.vertices[i]];
+  }
+  double largest = 0;
+  for (std::vector<double>& axis : normals_) axis.resize(sums.size());
+  for (std::size_t i = 0; i < sums.size(); ++i) {
+    const dvec3 gradient = sums[i].mean();
+    normals_[0][i] = glm::dot(gradient, view_.right);
+    normals_[1][i] = glm::dot(gradient, view_.up);
+    normals_[2][i] = glm::dot(gradient, view_.forward);
+    for (const std::vector<double>& axis : normals_) largest = std::max(largest, std::abs(axis[i]));
+  }
+  for (std::vector<double>& axis : normals_)
+    for (double& component : axis) component /= std::max(largest, std::numeric_limits<double>::min());
+}
+
+/// Whether a contour may be in a cell of these values.
+bool CellProjection::has_contour(const std::array<double, 4>& values) const {
+  const auto [low, high] = std::ranges::minmax(values);
+  return std::ranges::any_of(contours_.surfaces,
+                             [&](const Contour& contour) { return low <= contour.value && contour.value <= high; });
 }
 
 /// Returns the ray's direction in view coordinates, with length 1.
@@ -225,17 +259,21 @@ void CellProjection::gather_cell(std::size_t cell, const PixelRectangle& area, S
   // It crosses on the same segment.
   std::optional<CellCrosser> opacity_crosser;
   if (opacity_) opacity_crosser.emplace(view_.orthographic, corners(cell), values(cell, mesh_.opacity_values));
-  const bool has_contours = !contours_.surfaces.empty();
   std::optional<CellCrosser> color_crosser;
   if (!contours_.attribute.empty())
     color_crosser.emplace(view_.orthographic, corners(cell), values(cell, mesh_.color_values));
-  const dvec3 cell_gradient = lighting_ || has_contours ? gradient(cell) : dvec3(0);
+  std::vector<CellCrosser> normal_crossers;
+  if (has_contour(values(cell, mesh_.values)))
+    for (const std::vector<double>& axis : normals_)
+      normal_crossers.emplace_back(view_.orthographic, corners(cell), values(cell, axis));
+  const dvec3 cell_gradient = lighting_ ? gradient(cell) : dvec3(0);
   const int width = area.x1 - area.x0 + 1;
   for (int y = common.y0; y <= common.y1; ++y) {
     const double b = pixel_ray(view_, 0, y).b;
     if (!crosser.select_row(b) || (opacity_crosser && !opacity_crosser->select_row(b)) ||
         (color_crosser && !color_crosser->select_row(b)))
       continue;
+    for (CellCrosser& of_normal : normal_crossers) static_cast<void>(of_normal.select_row(b));
     auto* row = &scratch.pixels[static_cast<std::size_t>(y - area.y0) * width];
     for (int x = common.x0; x <= common.x1; ++x) {
       const PixelRay ray = pixel_ray(view_, x, y);
@@ -246,7 +284,10 @@ void CellProjection::gather_cell(std::size_t cell, const PixelRectangle& area, S
         const auto of_opacity = opacity_crosser->cross(ray.a);
         segment.opacity_values = {of_opacity->value_enter, of_opacity->value_leave};
       }
-      if (has_contours) segment.contour_lighting = contours_.lighting.factor(direction(ray), cell_gradient);
+      for (std::size_t axis = 0; axis < normal_crossers.size(); ++axis) {
+        const auto of_normal = normal_crossers[axis].cross(ray.a);
+        segment.normal[axis] = {of_normal->value_enter, of_normal->value_leave};
+      }
       if (color_crosser) {
         const auto of_color = color_crosser->cross(ray.a);
         segment.color_values = {of_color->value_enter, of_color->value_leave};
@@ -301,7 +342,10 @@ vec4 CellProjection::integrate(const PixelRay& ray, double surface, std::vector<
       const double value = segment.color_values.at(share);
       if (contour.is_colored && !std::isfinite(value)) return;
       const dvec3 rgb = contour.is_colored ? contours_.colors.color(value) : contour.color;
-      light.add_surface(segment.contour_lighting * rgb, contour.opacity);
+      const dvec3 normal(segment.normal[0].at(share), segment.normal[1].at(share), segment.normal[2].at(share));
+      const double length = glm::length(normal);
+      const dvec3 unit = length > 0 ? normal / length : dvec3(0);
+      light.add_surface(contours_.lighting.factor(direction(ray), unit) * rgb, contour.opacity);
     });
     add_matter(done, segment.leave);
   }
@@ -337,6 +381,12 @@ Status check_mesh(const TetMesh& mesh) {
   if (!mesh.color_values.empty() && mesh.color_values.size() != expected)
     return fail(ErrorCode::invalid_argument, "{} values and {} of the contours' colours", expected,
                 mesh.color_values.size());
+  if (!mesh.vertices.empty() && mesh.vertices.size() != mesh.points.size())
+    return fail(ErrorCode::invalid_argument, "{} points and {} numbers of vertices", mesh.points.size(),
+                mesh.vertices.size());
+  for (const std::uint32_t vertex : mesh.vertices)
+    if (vertex >= mesh.points.size())
+      return fail(ErrorCode::invalid_data, "vertex {} of {}", vertex, mesh.points.size());
   for (std::size_t cell = 0; cell < mesh.tetrahedra.size(); ++cell)
     for (const std::uint32_t point : mesh.tetrahedra[cell])
       if (point >= mesh.points.size())

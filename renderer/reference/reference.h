@@ -22,6 +22,9 @@ struct TetMesh {
   bool constant = false;                                     // values: one for each tetrahedron instead
   std::span<const double> opacity_values = {};               // as values, of the scene's opacity; none without one
   std::span<const double> color_values = {};  // as values, of the attribute that colours contours; none without one
+
+  // [point]: a number below that of points, the same for copies of one vertex; empty: none are. Copies share gradients.
+  std::span<const std::uint32_t> vertices = {};
 };
 
 /// Fails if arrays differ in length, or if an index is out of range.
@@ -54,8 +57,9 @@ struct ReferencePicture {
 /// overlap count.
 ///
 /// A contour is a surface where the value on a segment rises to that of the contour, or falls below. It is lit by the
-/// tetrahedron's gradient. Values beyond by less than rounding count as that of the contour, so that a face whose
-/// vertices all have this value is one surface. Where the value that colours it is missing, it is not drawn.
+/// gradient, linear between those of the points (base/point_gradients.h). Values beyond by less than rounding count as
+/// that of the contour, so that a face whose vertices all have this value is one surface. Where the value that colours
+/// it is missing, it is not drawn.
 ///
 /// A tetrahedron contributes nothing if a value or a position of it, or of one of its vertices, is missing (not
 /// finite). Requires coordinates relative to the eye that are 0 or between 1e-100 and 1e100 in size; values beyond

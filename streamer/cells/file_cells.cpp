@@ -8,6 +8,7 @@
 #include <iterator>
 #include <limits>
 #include <optional>
+#include <unordered_set>
 #include <utility>
 
 #include "base/interruption.h"
@@ -169,7 +170,9 @@ KeptCells::KeptCells(std::unique_ptr<const CellTetrahedra> cells, std::string co
     : cells_(std::move(cells)),
       color_name_(std::move(color_name)),
       room_(room),
-      holds_all_(decoded_bytes(cells_->reader()) <= room_.share->capacity() / 3 * 2) {}
+      holds_all_(decoded_bytes(cells_->reader()) <= room_.share->capacity() / 3 * 2),
+      gradients_(*cells_, room_,
+                 [this](const format::CellChunkEntry& entry, Tetrahedra& scratch) { return read(entry, scratch); }) {}
 
 PartKey KeptCells::key_of(const format::CellChunkEntry& entry) const {
   const int color = color_name_.empty() ? -1 : static_cast<int>(cells_->attributes().back());
@@ -242,8 +245,7 @@ Status KeptCells::hold_all() const {
 
 Result<Tetrahedra> KeptCells::decode(const format::CellChunkEntry& entry) const {
   SPLATVOL_TRY_ASSIGN(cells, cells_->read(entry));
-  cells.ranks = std::vector<std::uint64_t>();  // drawing needs no names
-  cells.cells = std::vector<std::uint32_t>();
+  cells.cells = std::vector<std::uint32_t>();  // drawing needs no names of cells
   return cells;
 }
 
@@ -255,10 +257,30 @@ Result<format::CellsAhead> KeptCells::read_ahead(std::span<const format::CellChu
   return cells_->read_ahead(missing);
 }
 
+Result<format::CellsAhead> KeptCells::read_gradients_ahead(std::span<const format::CellChunkEntry> entries,
+                                                           std::span<const double> contours) const {
+  if (!reader().volume().is_far() || contours.empty()) return format::CellsAhead{};
+  std::unordered_set<std::uint64_t> known;
+  for (const format::CellChunkEntry& entry : entries) known.insert(entry.offset);
+  std::vector<format::CellChunkEntry> others;
+  Tetrahedra scratch;
+  for (const format::CellChunkEntry& entry : entries) {
+    if (entry.field == format::CellField::constant) continue;
+    SPLATVOL_TRY(check_interruption());
+    SPLATVOL_TRY_ASSIGN(cells, read(entry, scratch));
+    SPLATVOL_TRY_ASSIGN(sources, gradients_.sources_at_contours(entry, *cells, contours));
+    for (const format::CellChunkEntry& source : sources)
+      if (known.insert(source.offset).second) others.push_back(source);
+  }
+  return read_ahead(others);
+}
+
 Result<std::shared_ptr<const void>> FileCells::read_ahead(std::span<const std::uint64_t> numbers) const {
   std::vector<format::CellChunkEntry> entries;
   for (const std::uint64_t number : numbers) entries.push_back(entries_[number]);
   SPLATVOL_TRY_ASSIGN(ahead, kept_->read_ahead(entries));
+  SPLATVOL_TRY_ASSIGN(more, kept_->read_gradients_ahead(entries, shown_.contours));
+  ahead.insert(ahead.end(), more.begin(), more.end());
   return std::make_shared<const format::CellsAhead>(std::move(ahead));
 }
 

@@ -19,6 +19,7 @@
 #include "renderer/cell_source.h"
 #include "sampler/cell_tetrahedra.h"
 #include "scene/scene.h"
+#include "streamer/cells/point_gradients.h"
 
 namespace splatvol {
 
@@ -65,6 +66,14 @@ class KeptCells {
   /// As CellSource::read.
   [[nodiscard]] Result<const Tetrahedra*> read(const format::CellChunkEntry& entry, Tetrahedra& scratch) const;
 
+  /// As CellSource::gradients.
+  [[nodiscard]] Result<std::shared_ptr<const std::vector<dvec3>>> gradients(const format::CellChunkEntry& entry,
+                                                                            const Tetrahedra& cells,
+                                                                            std::span<const double> contours) const {
+    // Where nothing is read, all of them are there for other contours, too.
+    return are_held_ ? gradients_.at_all(entry, cells) : gradients_.at_contours(entry, cells, contours);
+  }
+
   /// Reads a chunk, and remembers its faces for the last `shown`.
   [[nodiscard]] Result<ShownFaces> shown_faces(const format::CellChunkEntry& entry, const ShownInCells& shown) const;
 
@@ -81,6 +90,10 @@ class KeptCells {
   /// As CellTetrahedra::read_ahead, without what is held.
   [[nodiscard]] Result<format::CellsAhead> read_ahead(std::span<const format::CellChunkEntry> entries) const;
 
+  /// The same for gradients at contours in chunks that have been read ahead: of other chunks.
+  [[nodiscard]] Result<format::CellsAhead> read_gradients_ahead(std::span<const format::CellChunkEntry> entries,
+                                                                std::span<const double> contours) const;
+
  private:
   KeptCells(std::unique_ptr<const CellTetrahedra> cells, std::string color_name, const PartRoom& room);
   [[nodiscard]] Result<Tetrahedra> decode(const format::CellChunkEntry& entry) const;
@@ -90,6 +103,7 @@ class KeptCells {
   std::string color_name_;
   PartRoom room_;
   bool holds_all_;  // the share has room for all cells, decoded
+  PointGradients gradients_;
   mutable std::atomic<bool> are_held_ = false;
 
   // If it holds all: the chunks that were read, and all pages once they were. They stay.
@@ -112,6 +126,10 @@ class FileCells final : public CellSource {
   [[nodiscard]] std::span<const Chunk> chunks() const override { return chunks_; }
   [[nodiscard]] Result<const Tetrahedra*> read(const Chunk& chunk, Tetrahedra& scratch) const override {
     return kept_->read(entries_[chunk.number], scratch);
+  }
+  [[nodiscard]] Result<std::shared_ptr<const std::vector<dvec3>>> gradients(
+      const Chunk& chunk, const Tetrahedra& cells, std::span<const double> contours) const override {
+    return kept_->gradients(entries_[chunk.number], cells, contours);
   }
   [[nodiscard]] Result<std::shared_ptr<const void>> read_ahead(std::span<const std::uint64_t> numbers) const override;
 

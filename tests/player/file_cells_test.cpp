@@ -252,6 +252,32 @@ TEST_F(FileCellsOf, AMeshAreReadByThreadsOnce) {
   EXPECT_LE(alone->bytes_read(), alone->file_bytes());
 }
 
+// The gradients at the points of tetrahedra that a contour cuts.
+std::map<std::array<double, 3>, dvec3> gradients_of(const FileCells& cells, const std::vector<double>& contours,
+                                                    bool from_the_end = false) {
+  std::map<std::array<double, 3>, dvec3> all;
+  Tetrahedra scratch;
+  std::vector<CellSource::Chunk> chunks(cells.chunks().begin(), cells.chunks().end());
+  if (from_the_end) std::ranges::reverse(chunks);
+  for (const CellSource::Chunk& chunk : chunks) {
+    const Tetrahedra& read = *test::value_of(cells.read(chunk, scratch));
+    const auto gradients = test::value_of(cells.gradients(chunk, read, contours));
+    EXPECT_EQ(gradients->size(), read.points.size());
+    for (const auto& corners : read.corners) {
+      std::array<double, 4> values{};
+      for (std::size_t k = 0; k < 4; ++k) values[k] = read.values[0][corners[k]];
+      const auto [low, high] = std::ranges::minmax(values);
+      if (std::ranges::none_of(contours, [&](double value) { return low < value && value <= high; })) continue;
+      for (const std::uint32_t corner : corners) {
+        const dvec3& p = read.points[corner];
+        const auto [at, is_new] = all.try_emplace({p.x, p.y, p.z}, (*gradients)[corner]);
+        EXPECT_EQ(at->second, (*gradients)[corner]) << "in two tetrahedra";
+      }
+    }
+  }
+  return all;
+}
+
 // What the chunks of a view need is read ahead.
 TEST_F(FileCellsOf, AFarFileAreReadByFewRequests) {
   build(lattice());
@@ -261,11 +287,16 @@ TEST_F(FileCellsOf, AFarFileAreReadByFewRequests) {
   boxed.clip_box = Box{{0.1, 0.3, 0.2}, {0.5, 0.6, 0.35}};
   own.attribute = "number";
   own.opacity = SceneOpacity{"number", own.transfer_function};
+  Scene contour = boxed;
+  contour.transfer_function.densities = {{0, 0}};
+  contour.contours = {{.values = {0.4}}};
   for (const bool knows_parts : {true, false})
-    for (const Scene& scene : {all, boxed, own}) {
+    for (const Scene& scene : {all, boxed, own, contour}) {
       const std::string file = path(scene.attribute == "number" ? "own.svol" : "mesh.svol");
       const auto near = test::value_of(format::Volume::open(*open_file(file)));
-      const Found expected = cells_of(*open(near, scene));
+      const auto nearby = open(near, scene);
+      const Found expected = cells_of(*nearby);
+      if (!scene.contours.empty()) static_cast<void>(gradients_of(*nearby, {0.4}));
       const auto counts = std::make_shared<test::FarFile::Counts>();
       const auto far = test::value_of(format::Volume::open(std::make_unique<test::FarFile>(file, knows_parts, counts)));
       const auto cells = open(far, scene);
@@ -274,6 +305,7 @@ TEST_F(FileCellsOf, AFarFileAreReadByFewRequests) {
       const auto ahead = test::value_of(cells->read_ahead(numbers));
       const std::uint64_t requests = counts->requests;
       EXPECT_TRUE(cells_of(*cells) == expected);
+      if (!scene.contours.empty()) static_cast<void>(gradients_of(*cells, {0.4}));
       EXPECT_EQ(counts->requests, requests) << "all was read ahead";
       EXPECT_LE(requests, 12 + counts->bytes / (std::uint64_t{256} << 10));
       EXPECT_EQ(far->bytes_read(), counts->bytes);
@@ -281,6 +313,69 @@ TEST_F(FileCellsOf, AFarFileAreReadByFewRequests) {
         EXPECT_LE(static_cast<double>(counts->bytes), 1.1 * static_cast<double>(near->bytes_read()));
       }
     }
+}
+
+// A point's gradient comes from all chunks with the point.
+TEST_F(FileCellsOf, AMeshHaveGradientsAcrossChunks) {
+  const Piece piece = lattice();
+  const auto volume = build(piece);
+  std::vector<GradientSum> sums(piece.points.size());
+  add_gradients(piece.points, piece.tetrahedra, piece.values[0], sums);
+  const std::vector<double> contours = {0.2, 0.55, 0.7};
+  const auto first = gradients_of(*open(volume, scene_of_all()), contours);
+  EXPECT_GT(first.size(), piece.points.size() / 8);
+  EXPECT_LT(first.size(), piece.points.size());
+  for (std::size_t i = 0; i < sums.size(); ++i) {
+    const dvec3& p = piece.points[i];
+    const auto found = first.find({p.x, p.y, p.z});
+    if (found != first.end()) {
+      EXPECT_LE(glm::distance(found->second, sums[i].mean()), 1e-9);
+    }
+  }
+  for (const std::uint64_t bytes : {std::uint64_t{1} << 18, std::uint64_t{0}})
+    EXPECT_EQ(gradients_of(*open(volume, scene_of_all(), bytes), contours, true), first) << bytes;
+  // All cells are held: gradients are those of all points.
+  const auto kept = test::value_of(KeptCells::open(*volume, scene_of_all(), own_room(memory)));
+  ASSERT_TRUE(kept->hold_all());
+  ASSERT_TRUE(kept->are_held());
+  const auto held = test::value_of(FileCells::open(kept, scene_of_all(), make_view(scene_of_all()).value()));
+  const std::uint64_t read = volume->bytes_read();
+  for (int times = 0; times < 2; ++times) EXPECT_EQ(gradients_of(*held, contours), first);
+  EXPECT_EQ(volume->bytes_read(), read);
+}
+
+// Values jump between two bodies that touch: gradients do not mix.
+TEST_F(FileCellsOf, TwoBodiesHaveGradientsOfTheirOwn) {
+  const auto lower = [](dvec3 p) { return p.x; };
+  const auto upper = [](dvec3 p) { return 50 - 2 * p.y; };
+  Piece first = test::mesh_piece(test::jittered(8, 0), lower), second = test::mesh_piece(test::jittered(8, 0), upper);
+  for (dvec3& point : second.points) point.z += 1;
+  second.values[0].clear();
+  for (const dvec3& point : second.points) second.values[0].push_back(upper(point));
+  test::PieceSource source({first, second}, {.attributes = {"value"}});
+  ASSERT_EQ(test::message_of(build_volume(source, path("two.svol"), exact(), [](const char*, double) {})), "");
+  const auto volume = open_volume("two.svol");
+  Scene scene = scene_of_all();
+  scene.transfer_function.lo = -100, scene.transfer_function.hi = 100;
+  scene.camera.position = {3, 4, 9};
+  const auto cells = open(volume, scene);
+  Tetrahedra scratch;
+  std::size_t cut = 0;
+  for (const CellSource::Chunk& chunk : cells->chunks()) {
+    const Tetrahedra& tetrahedra = *test::value_of(cells->read(chunk, scratch));
+    const auto gradients = test::value_of(cells->gradients(chunk, tetrahedra, {{0.5, 25, 49}}));
+    for (const auto& corners : tetrahedra.corners) {
+      const double value = tetrahedra.values[0][corners[0]];
+      const auto on_side = [&](std::uint32_t corner) {
+        return (tetrahedra.values[0][corner] < (value < 10 ? 0.5 : 49)) == (value < (value < 10 ? 0.5 : 49));
+      };
+      if (std::ranges::all_of(corners, on_side)) continue;
+      for (const std::uint32_t corner : corners)
+        EXPECT_LE(glm::distance((*gradients)[corner], value < 10 ? dvec3(1, 0, 0) : dvec3(0, -2, 0)), 1e-6);
+      ++cut;
+    }
+  }
+  EXPECT_GE(cut, 2u * 8 * 8);
 }
 
 // Cells without a visible value, or outside of the view, are not read. The picture has all others.

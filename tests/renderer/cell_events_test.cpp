@@ -119,9 +119,16 @@ TEST(Contours, OfTheValueOfARegionAreItsBorder) {
   expect_plane(drawn_of([](dvec3 p) { return p.x <= 0.5 ? 0.6 - 1e-12 : 0.1 + p.x; }), 0.5, 0.5);
 }
 
+// A mesh of moved points, with values of a field there.
+Mesh moved_box(std::uint32_t n, const Field& field) {
+  Mesh mesh = bent_box(n);
+  for (std::size_t i = 0; i < mesh.points.size(); ++i) mesh.values[i] = field(mesh.points[i]);
+  return mesh;
+}
+
 TEST(Contours, AreLitByTheirGradients) {
   for (const bool is_lit : {false, true}) {
-    Drawn drawn{make_box(4, [](dvec3 p) { return p.x; }), make_scene(0, 32, 32)};
+    Drawn drawn{moved_box(4, [](dvec3 p) { return p.x; }), make_scene(0, 32, 32)};
     look(drawn.scene, {4, 1.5, 2.5}, dvec3(0.5));
     if (is_lit) drawn.scene.lighting = Lighting{0.1, 0.6};
     const Lighting lighting = drawn.scene.lighting.value_or(Lighting());
@@ -135,6 +142,28 @@ TEST(Contours, AreLitByTheirGradients) {
         EXPECT_LE(glm::distance(pixel, vec4(vec3(light * dvec3(1, 0.5, 0.25)), 1)), 1e-6);
       });
     EXPECT_GT(met, 100);
+  }
+}
+
+// The light of a sphere's normals, but for the error of the mesh. By each tetrahedron's own gradient it would be .03.
+TEST(Contours, AreLitSmoothly) {
+  for (const bool orthographic : {false, true}) {
+    Drawn drawn{moved_box(20, [](dvec3 p) { return glm::distance(p, dvec3(0.5)); }), make_scene(0, 64, 64)};
+    look(drawn.scene, {1.6, 1.3, 1.9}, dvec3(0.5));
+    if (orthographic) make_orthographic(drawn.scene, 0.8);
+    drawn.scene.contours = {{.values = {0.3}, .color = dvec3(1)}};
+    double squares = 0, met = 0;
+    for_each_ray(drawn.scene, draw(MeshSource(drawn.view(), 100), drawn.drawing()),
+                 [&](const WorldRay& ray, const vec4& pixel) {
+                   const double middle = glm::dot(dvec3(0.5) - ray.origin, ray.direction);
+                   const double square = 0.09 - squared_length(ray.origin + middle * ray.direction - dvec3(0.5));
+                   if (square < 0.01) return;  // the sphere's edge
+                   const dvec3 place = ray.origin + (middle - std::sqrt(square)) * ray.direction;
+                   const double light = Lighting().factor(ray.direction, glm::normalize(place - dvec3(0.5)));
+                   squares += (light - double{pixel.r}) * (light - double{pixel.r}), ++met;
+                 });
+    EXPECT_GT(met, 200);
+    EXPECT_LT(std::sqrt(squares / met), 0.01) << (orthographic ? "orthographic" : "");
   }
 }
 

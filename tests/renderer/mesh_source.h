@@ -4,10 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <numeric>
 #include <span>
+#include <utility>
 #include <vector>
 
+#include "base/point_gradients.h"
 #include "renderer/cell_source.h"
 #include "renderer/reference/reference.h"
 
@@ -30,6 +33,15 @@ class MeshSource : public CellSource {
 
   [[nodiscard]] Result<const Tetrahedra*> read(const Chunk& chunk, Tetrahedra& /*scratch*/) const override {
     return &cells_[chunk.number];
+  }
+
+  [[nodiscard]] Result<std::shared_ptr<const std::vector<dvec3>>> gradients(
+      const Chunk& chunk, const Tetrahedra& /*cells*/, std::span<const double> /*contours*/) const override {
+    std::vector<GradientSum> sums(mesh_.points.size());
+    add_gradients(mesh_.points, mesh_.tetrahedra, mesh_.values, sums);
+    std::vector<dvec3> gradients;
+    for (const std::uint32_t point : points_[chunk.number]) gradients.push_back(sums[point].mean());
+    return std::make_shared<const std::vector<dvec3>>(std::move(gradients));
   }
 
  private:
@@ -79,11 +91,13 @@ class MeshSource : public CellSource {
     }
     chunks_.push_back(chunk);
     cells_.push_back(std::move(cells));
+    points_.push_back(std::move(points));
   }
 
   TetMesh mesh_;
   std::vector<Chunk> chunks_;
   std::vector<Tetrahedra> cells_;
+  std::vector<std::vector<std::uint32_t>> points_;  // [chunk]
 };
 
 }  // namespace splatvol::test

@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "tests/builder/support/built_mesh.h"
@@ -53,13 +54,31 @@ TEST_F(SvinfoIntegrals, AreOverThePartsOfCellsInTheRegion) {
       AllOf(ContainsRegex("a volume of 0.5\n"), ContainsRegex("value +0.75 +1.5 +1 +2"), HasSubstr("min at (")));
 }
 
+TEST_F(SvinfoIntegrals, AreOverSurfaces) {
+  const json slice = document_of(run("svinfo cube.svol --integrate --json --slice 0,0,0.3:0,0,2 --box 0,0,0,0.5,1,1"));
+  EXPECT_DOUBLE_EQ(slice["area"], 0.5);
+  EXPECT_DOUBLE_EQ(slice["attributes"][0]["mean"], 1.25);
+  EXPECT_DOUBLE_EQ(slice["attributes"][0]["area"], 0.5);
+  EXPECT_TRUE(slice["flux"].is_null());
+  const json contour = document_of(run("svinfo cube.svol --integrate --json --contour value=1"));
+  EXPECT_NEAR(contour["area"], std::sqrt(5.0) / 2, 1e-12);
+  EXPECT_EQ(contour["attributes"][0]["mean"], 1);
+  EXPECT_TRUE(contour["enclosed_volume"].is_null());
+  EXPECT_THAT(run("svinfo cube.svol --integrate --slice 0.5,0,0:1,0,0").out,
+              AllOf(ContainsRegex("an area of 1\n"), ContainsRegex("value +1.5 +1.5 +0.5 +2.5")));
+}
+
 TEST_F(SvinfoIntegrals, SayWhatIsWrong) {
   expect_refusal("svinfo cube.svol --integrate --attribute heat", "value");
   expect_refusal("svinfo cube.svol --integrate --range heat=0:1", "value");
+  expect_refusal("svinfo cube.svol --integrate --contour heat=0", "value");
+  expect_refusal("svinfo cube.svol --integrate --contour value=1 --flux U", "U[0]");
   for (const std::string arguments :
        {"--box 0,0,0,1,1,1", "--range value=0:1", "--integrate --range value", "--integrate --range =1:2",
         "--integrate --range value=2:1", "--integrate --range value=a:b", "--integrate --box 1,0,0,0,1,1",
-        "--integrate --clip-plane 0,0,0:0,0,0", "--integrate --scene view.json", "--attribute value"})
+        "--integrate --clip-plane 0,0,0:0,0,0", "--contour value=1", "--integrate --contour value",
+        "--integrate --contour value=1 --slice 0,0,0:1,0,0", "--integrate --slice 0,0,0", "--integrate --flux U",
+        "--integrate --scene view.json", "--attribute value"})
     EXPECT_EQ(run("svinfo cube.svol " + arguments).code, 2) << arguments;
 }
 

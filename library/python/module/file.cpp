@@ -1,5 +1,6 @@
 #include "splatvol/file.h"
 
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
@@ -149,21 +150,57 @@ nb::dict read_contour(const SharedFile& file, double value, const std::string& a
 using PlaneRow = std::pair<Corner, Corner>;                // point, normal
 using RangeRow = std::tuple<std::string, double, double>;  // attribute, low, high
 
-nb::dict integrate(const SharedFile& file, const std::vector<std::string>& attributes,
-                   const std::optional<std::pair<Corner, Corner>>& box, const std::vector<PlaneRow>& clip_planes,
-                   const std::vector<RangeRow>& ranges) {
+IntegralRequest integral_request(const std::vector<std::string>& attributes,
+                                 const std::optional<std::pair<Corner, Corner>>& box,
+                                 const std::vector<PlaneRow>& clip_planes, const std::vector<RangeRow>& ranges) {
   IntegralRequest request{.attributes = attributes};
   if (box) request.box = Box{vector_of(box->first), vector_of(box->second)};
   for (const auto& [point, normal] : clip_planes) request.clip_planes.push_back({vector_of(point), vector_of(normal)});
   for (const auto& [attribute, low, high] : ranges) request.ranges.push_back({attribute, low, high});
+  return request;
+}
+
+nb::dict dict_of_integral(const ValueIntegral& of) {
+  return dict_of("name", of.name, "unit", of.unit, "integral", of.integral, "mean", of.mean, "low", of.low,
+                 "low_position", corner_of(of.low_position), "high", of.high, "high_position",
+                 corner_of(of.high_position));
+}
+
+nb::dict integrate(const SharedFile& file, const std::vector<std::string>& attributes,
+                   const std::optional<std::pair<Corner, Corner>>& box, const std::vector<PlaneRow>& clip_planes,
+                   const std::vector<RangeRow>& ranges) {
+  const IntegralRequest request = integral_request(attributes, box, clip_planes, ranges);
   const Integrals integrals = file.read([&](const File& opened) { return opened.integrate(request); });
   nb::list rows;
-  for (const Integral& of : integrals.attributes)
-    rows.append(dict_of("name", of.name, "unit", of.unit, "volume", of.volume, "missing_volume", of.missing_volume,
-                        "integral", of.integral, "mean", of.mean, "low", of.low, "low_position",
-                        corner_of(of.low_position), "high", of.high, "high_position", corner_of(of.high_position)));
+  for (const Integral& of : integrals.attributes) {
+    nb::dict row = dict_of_integral(of);
+    row["volume"] = of.volume;
+    row["missing_volume"] = of.missing_volume;
+    rows.append(row);
+  }
   return dict_of("volume", integrals.volume, "unknown_volume", integrals.unknown_volume, "attributes", rows, "left_out",
                  integrals.left_out);
+}
+
+// Of a contour, or of the slice by a plane.
+nb::dict integrate_surface(const SharedFile& file, const std::optional<std::pair<std::string, double>>& contour,
+                           const std::optional<PlaneRow>& slice, const std::vector<std::string>& attributes,
+                           const std::optional<std::pair<Corner, Corner>>& box,
+                           const std::vector<PlaneRow>& clip_planes, const std::vector<RangeRow>& ranges,
+                           const std::array<std::string, 3>& vector) {
+  SurfaceRequest request{.integrals = integral_request(attributes, box, clip_planes, ranges), .vector = vector};
+  if (contour) request.surface = ContourSurface{contour->first, contour->second};
+  if (slice) request.surface = HalfSpace{vector_of(slice->first), vector_of(slice->second)};
+  const SurfaceIntegrals integrals = file.read([&](const File& opened) { return opened.integrate_surface(request); });
+  nb::list rows;
+  for (const SurfaceIntegral& of : integrals.attributes) {
+    nb::dict row = dict_of_integral(of);
+    row["area"] = of.area;
+    row["missing_area"] = of.missing_area;
+    rows.append(row);
+  }
+  return dict_of("area", integrals.area, "unknown_area", integrals.unknown_area, "attributes", rows, "flux",
+                 integrals.flux, "enclosed_volume", integrals.enclosed_volume, "left_out", integrals.left_out);
 }
 
 nb::dict sample_line(const SharedFile& file, const Corner& start, const Corner& end,
@@ -228,6 +265,8 @@ void add_file(nb::module_& module) {
       .def("cells", &read_cells, "attributes"_a, "box"_a.none())
       .def("contour", &read_contour, "value"_a, "attribute"_a, "attributes"_a, "box"_a.none())
       .def("integrate", &integrate, "attributes"_a, "box"_a.none(), "clip_planes"_a, "ranges"_a)
+      .def("integrate_surface", &integrate_surface, "contour"_a.none(), "slice"_a.none(), "attributes"_a,
+           "box"_a.none(), "clip_planes"_a, "ranges"_a, "vector"_a)
       .def("verify", &verify, "progress"_a.none())
       .def("file_bytes", [](const SharedFile& file) { return file.look([](const File& f) { return f.file_bytes(); }); })
       .def("bytes_read",

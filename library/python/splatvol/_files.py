@@ -94,6 +94,29 @@ class Integral(NamedTuple):
     unit: str  #: of the values, such as "m/s"; empty: not known
 
 
+class SurfaceIntegral(NamedTuple):
+    """The integral of an attribute over a surface. Without area, the mean and what stands after it are NaN."""
+
+    area: float  #: of the parts with a value
+    missing_area: float  #: of those without
+    integral: float  #: of the values over the area
+    mean: float
+    low: float  #: the least value
+    low_position: Vector  #: where it is; of several places, the first in the file
+    high: float
+    high_position: Vector
+    unit: str  #: of the values, such as "m/s"; empty: not known
+
+
+class SurfaceIntegrals(NamedTuple):
+    """Integrals over a contour or a slice."""
+
+    area: float
+    flux: float  #: of the vector: along a slice's normal, through a contour to lower values; NaN without a vector
+    enclosed_volume: float  #: inside a closed contour that nothing cuts, negative round a hole; else NaN
+    attributes: Dict[str, SurfaceIntegral]
+
+
 class Frame(NamedTuple):
     """A picture on the way to the complete one."""
 
@@ -118,6 +141,28 @@ def _corner(corner: Sequence[float]) -> Vector:
 
 def _corners(box: Optional[Tuple[Sequence[float], Sequence[float]]]) -> Optional[Tuple[Vector, Vector]]:
     return None if box is None else (_corner(box[0]), _corner(box[1]))
+
+
+def _planes(planes: Sequence[Tuple[Sequence[float], Sequence[float]]]) -> List[Tuple[Vector, Vector]]:
+    return [(_corner(point), _corner(normal)) for point, normal in planes]
+
+
+def _limits(
+    ranges: Optional[Mapping[str, Tuple[Optional[float], Optional[float]]]],
+) -> List[Tuple[str, float, float]]:
+    return [
+        (name, -math.inf if low is None else float(low), math.inf if high is None else float(high))
+        for name, (low, high) in (ranges or {}).items()
+    ]
+
+
+def _tell_unknown(what: str, size: float, name: str) -> None:
+    if size > 0:
+        warnings.warn(
+            f"{name}: {'an' if what[0] in 'aeiou' else 'a'} {what} of {size:.6g} is left out: an attribute of ranges has "
+            "no value there",
+            stacklevel=3,
+        )
 
 
 def _names(attributes: Optional[Sequence[str]]) -> List[str]:
@@ -400,20 +445,45 @@ class File:
         Raises ``InvalidArgumentError`` if the file keeps no cells or lacks an attribute, or if the box, a plane or a
         range is none.
         """
-        limits = [
-            (name, -math.inf if low is None else float(low), math.inf if high is None else float(high))
-            for name, (low, high) in (ranges or {}).items()
-        ]
-        planes = [(_corner(point), _corner(normal)) for point, normal in clip_planes]
-        read = self._file.integrate(_names(attributes), _corners(box), planes, limits)
+        read = self._file.integrate(
+            _names(attributes), _corners(box), _planes(clip_planes), _limits(ranges)
+        )
         tell_left_out(read["left_out"], self.name, stacklevel=3)
-        if read["unknown_volume"] > 0:
-            warnings.warn(
-                f"{self.name}: a volume of {read['unknown_volume']:.6g} is left out: an attribute of ranges has no "
-                "value there",
-                stacklevel=2,
-            )
+        _tell_unknown("volume", read["unknown_volume"], self.name)
         return {row.pop("name"): Integral(**row) for row in read["attributes"]}
+
+    def integrate_surface(
+        self,
+        contour: Optional[Tuple[str, float]] = None,
+        slice: Optional[Tuple[Sequence[float], Sequence[float]]] = None,
+        attributes: Optional[Sequence[str]] = None,
+        box: Optional[Tuple[Sequence[float], Sequence[float]]] = None,
+        clip_planes: Sequence[Tuple[Sequence[float], Sequence[float]]] = (),
+        ranges: Optional[Mapping[str, Tuple[Optional[float], Optional[float]]]] = None,
+        vector: Optional[str] = None,
+    ) -> SurfaceIntegrals:
+        """Returns area, mean and extremes as ``integrate`` does, over a surface in the cells: the ``contour`` of an
+        attribute at a value, or the ``slice`` by a plane, given as a point and a normal. With ``vector``, an attribute
+        of three components, also its flux.
+
+        The surface is that of ``contour``, and of the distance from the plane. It is cut exactly, as cells are. A face
+        of cells in the plane counts once.
+
+        Raises ``InvalidArgumentError`` as ``integrate`` does, and if ``vector`` has no three components;
+        ``UnsupportedError`` for the contour of cells that have values of their own.
+        """
+        if (contour is None) == (slice is None):
+            raise InvalidArgumentError("integrate_surface(): give either contour or slice")
+        place = None if contour is None else (str(contour[0]), as_number("contour", contour[1]))
+        plane = None if slice is None else _planes([slice])[0]
+        components = [f"{vector}[{i}]" if vector else "" for i in range(3)]
+        read = self._file.integrate_surface(
+            place, plane, _names(attributes), _corners(box), _planes(clip_planes), _limits(ranges), components
+        )
+        tell_left_out(read["left_out"], self.name, stacklevel=3)
+        _tell_unknown("area", read["unknown_area"], self.name)
+        rows = {row.pop("name"): SurfaceIntegral(**row) for row in read["attributes"]}
+        return SurfaceIntegrals(read["area"], read["flux"], read["enclosed_volume"], rows)
 
     def verify(self, progress: Optional[Callable[[float], Any]] = None) -> None:
         """Checks every byte of the file; of an index, of the files of all steps, and its units and ranges.

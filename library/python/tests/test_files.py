@@ -90,6 +90,14 @@ def test_integrals_are_exact(tmp_path):
         assert file.integrate("f", box=box, ranges={"g": (0, None)})["f"].volume == 0
     with pytest.raises(splatvol.InvalidArgumentError, match="lower value first"):
         file.integrate(ranges={"f": (2, 1)})
+    slice = file.integrate_surface(slice=((.5, .5, .25), (0, 0, 1)), box=((0, 0, 0), (.5, 1, 1)))
+    assert slice.area == pytest.approx(.5) and np.isnan(slice.flux)
+    assert slice.attributes["f"].mean == pytest.approx(2.25) and slice.attributes["g"].missing_area == slice.area
+    contour = file.integrate_surface(contour=("f", 1))  # x + 2 y + 4 z = 1
+    assert contour.area == pytest.approx(np.sqrt(21) / 16) and np.isnan(contour.enclosed_volume)
+    for wrong in ({}, {"contour": ("f", 1), "slice": ((0, 0, 0), (1, 0, 0))}):
+        with pytest.raises(splatvol.InvalidArgumentError, match="either"):
+            file.integrate_surface(**wrong)
     with pytest.raises(splatvol.InvalidArgumentError, match="heat"):
         file.integrate(ranges={"heat": (1, 2)})
 

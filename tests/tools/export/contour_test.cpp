@@ -1,5 +1,5 @@
 // Contours of the cells of a file: closed, and as large as the mesh's own.
-#include "extractor/contour.h"
+#include "sampler/contour.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -4,10 +4,11 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "base/math.h"
-#include "sampler/cell_tetrahedra.h"
+#include "base/tetrahedra.h"
 
 namespace splatvol {
 
@@ -26,6 +27,7 @@ struct ContourPart {
   std::vector<dvec3> points;                            // [vertex]; of one key, the same bits in all chunks
   std::vector<std::vector<double>> values;              // [attribute][vertex]: linear on the edge; NaN: missing
   std::vector<std::array<std::uint32_t, 3>> triangles;  // of different vertices
+  std::vector<std::uint32_t> tetrahedra;                // [triangle]: the one that it is in
 
   [[nodiscard]] std::array<dvec3, 3> corners_of(std::size_t triangle) const {
     const auto& [a, b, c] = triangles[triangle];
@@ -33,9 +35,10 @@ struct ContourPart {
   }
 };
 
-/// Returns the contour of the first attribute at `value`. Tetrahedra with a missing value of it have none. Requires
-/// values at points.
-[[nodiscard]] ContourPart contour_of(const Tetrahedra& tetrahedra, double value);
+/// Returns the contour of a function at `value`. `function`: [point], and linear in each tetrahedron. It may be an
+/// attribute of the tetrahedra: its values are exactly `value` then. Tetrahedra with a missing value of it (NaN) have
+/// none. Values of cells with one each are left out: triangles name their tetrahedra.
+[[nodiscard]] ContourPart contour_of(const Tetrahedra& tetrahedra, std::span<const double> function, double value);
 
 /// What triangles measure. Sums of parts of a contour are those of the whole.
 class ContourMeasure {
