@@ -8,10 +8,10 @@
 #include <nlohmann/json.hpp>
 
 #include "base/json.h"
+#include "sampler/line_export.h"
 #include "tools/ending.h"
 #include "tools/export/cell_export.h"
 #include "tools/export/contour_export.h"
-#include "sampler/line_export.h"
 #include "tools/export/vdb_export.h"
 #include "tools/export/vtu_export.h"
 #include "tools/progress_lines.h"

@@ -41,8 +41,9 @@ bool begin_window(const char* name, const PictureArea& area, float scale) {
   ImGui::SetNextWindowPos({static_cast<float>(area.left) + 8 * scale, static_cast<float>(area.height) - 8 * scale},
                           ImGuiCond_Appearing, {0, 1});
   bool stays = true;
-  ImGui::Begin(name, &stays, ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoCollapse |
-                                 ImGuiWindowFlags_NoFocusOnAppearing);  // it may come while an end is typed
+  ImGui::Begin(name, &stays,
+               ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoCollapse |
+                   ImGuiWindowFlags_NoFocusOnAppearing);  // it may come while an end is typed
   const ImVec2 at = ImGui::GetWindowPos();
   const float lowest = static_cast<float>(area.height) - 8 * scale - ImGui::GetWindowHeight();
   if (at.y > lowest) ImGui::SetWindowPos({at.x, std::max(lowest, 0.0F)});  // it has become higher
