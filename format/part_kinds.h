@@ -20,7 +20,8 @@ enum PartKind : int {
   cell_page,
   cell_chunk,
   cell_gradients,
-  contour_gradients
+  contour_gradients,
+  field_chunk
 };
 
 /// PartKey::column of a part that is made of several columns or attributes, at most three, in this order. Their numbers

@@ -9,7 +9,7 @@
 #include <optional>
 #include <utility>
 
-#include "sampler/position_tree.h"
+#include "sampler/box_tree.h"
 #include "sampler/tetrahedron.h"
 
 namespace splatvol {
@@ -78,7 +78,7 @@ class Samples {
   void visit_cells(const Tetrahedra& tetrahedra, bool with_reach, std::vector<Found>& all) const {
     std::vector<dvec3> positions;
     for (const Found& found : all) positions.push_back(positions_[found.position]);
-    const PositionTree tree(positions);
+    const BoxTree tree(positions);
     for (std::size_t t = 0; t < tetrahedra.size() && !tree.empty(); ++t) {
       const std::array<double, 4> values = tetrahedra.values_of(t, 0);
       if (std::isnan(values[0] + values[1] + values[2] + values[3])) continue;
@@ -106,7 +106,7 @@ class Samples {
   const CellTetrahedra& cells_;
   double reach_;  // at least
   std::span<const dvec3> positions_;
-  PositionTree tree_;
+  BoxTree tree_;
   std::vector<double> values_;     // [position]
   std::vector<double> distances_;  // [position]: from the cell that has the value; infinity: none
 };

@@ -6,7 +6,7 @@
 
 #include "base/math.h"
 #include "format/splat_reader.h"
-#include "sampler/position_tree.h"
+#include "sampler/box_tree.h"
 #include "splat/ellipsoid.h"
 
 namespace splatvol {
@@ -34,7 +34,7 @@ class SplatSampler {
   void add(const dvec3& centroid, const SplatShape& shape, const SplatValue& value);
 
   std::span<const dvec3> positions_;
-  PositionTree tree_;
+  BoxTree tree_;
   std::vector<Sums> sums_;  // [position]
 };
 

@@ -13,14 +13,17 @@ constexpr std::array<std::array<std::size_t, 3>, 4> opposite = {{{1, 2, 3}, {0, 
 
 double determinant(const dvec3& a, const dvec3& b, const dvec3& c) { return glm::dot(a, glm::cross(b, c)); }
 
-// Six times the signed volumes that a position spans with the faces; their sum is that of the tetrahedron.
+// Six times the signed volume that a position spans with the face opposite to a corner. The four add up to that of the
+// tetrahedron.
+double volume_at(const TetrahedronCorners& corners, std::size_t corner, const dvec3& position) {
+  const auto& [a, b, c] = opposite[corner];
+  const double volume = determinant(corners[a] - position, corners[b] - position, corners[c] - position);
+  return corner % 2 == 0 ? volume : -volume;
+}
+
 CornerWeights volumes_of(const TetrahedronCorners& corners, const dvec3& position) {
   CornerWeights volumes{};
-  for (std::size_t k = 0; k < 4; ++k) {
-    const auto& [a, b, c] = opposite[k];
-    const double volume = determinant(corners[a] - position, corners[b] - position, corners[c] - position);
-    volumes[k] = k % 2 == 0 ? volume : -volume;
-  }
+  for (std::size_t k = 0; k < 4; ++k) volumes[k] = volume_at(corners, k, position);
   return volumes;
 }
 
@@ -45,7 +48,14 @@ double value_at(const std::array<double, 4>& values, const CornerWeights& weight
 }
 
 std::optional<CornerWeights> weights_in(const TetrahedronCorners& corners, const dvec3& position) {
-  CornerWeights weights = volumes_of(corners, position);
+  CornerWeights weights{};
+  bool has_positive = false, has_negative = false;
+  for (std::size_t k = 0; k < 4; ++k) {
+    weights[k] = volume_at(corners, k, position);
+    has_positive = has_positive || weights[k] > 0;
+    has_negative = has_negative || weights[k] < 0;
+    if (has_positive && has_negative) return {};  // mostly found soon
+  }
   const double sum = weights[0] + weights[1] + weights[2] + weights[3];
   if (!(std::abs(sum) > 0)) return {};
   for (double& weight : weights)

@@ -35,22 +35,6 @@ void expect_near(const dvec3& position, const dvec3& expected) {
 }
 
 struct IntegralsOfCells : SampledCells {
-  using Fields = std::vector<std::function<double(dvec3)>>;
-
-  // Attributes "value" and "other".
-  void build_fields(const Mesh& mesh, const Fields& fields) {
-    Piece piece = mesh_piece(mesh, fields[0]);
-    std::vector<std::string> names = {"value"};
-    for (std::size_t a = 1; a < fields.size(); ++a) {
-      const Piece other = mesh_piece(mesh, fields[a]);
-      piece.values.push_back(other.values[0]);
-      names.emplace_back("other");
-    }
-    PieceSource source({piece}, {.attributes = names});
-    ASSERT_EQ(message_of(build_volume(source, path("mesh.svol"), exact(), [](const char*, double) {})), "");
-    open("mesh.svol");
-  }
-
   [[nodiscard]] Result<Integrals> try_to(const IntegralRequest& request, std::uint64_t memory = 1 << 24,
                                          std::size_t threads = 2) const {
     return integrate_cells(*volume_, request, memory, threads, [](double) {});

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cmath>
+#include <functional>
+#include <iterator>
 #include <limits>
 #include <memory>
 #include <random>
@@ -31,6 +33,18 @@ struct SampledCells : FolderTest {
 
   void build(const Piece& piece, const BuildOptions& options = exact()) {
     PieceSource source({piece}, {.attributes = {"value"}});
+    ASSERT_EQ(message_of(build_volume(source, path("mesh.svol"), options, [](const char*, double) {})), "");
+    open("mesh.svol");
+  }
+
+  using Fields = std::vector<std::function<double(dvec3)>>;
+
+  // `names`: of the attributes.
+  void build_fields(const Mesh& mesh, const Fields& fields, const std::vector<std::string>& names = {"value", "other"},
+                    const BuildOptions& options = exact()) {
+    Piece piece = mesh_piece(mesh, fields[0]);
+    for (std::size_t a = 1; a < fields.size(); ++a) piece.values.push_back(mesh_piece(mesh, fields[a]).values[0]);
+    PieceSource source({piece}, {.attributes = {names.begin(), names.begin() + std::ssize(fields)}});
     ASSERT_EQ(message_of(build_volume(source, path("mesh.svol"), options, [](const char*, double) {})), "");
     open("mesh.svol");
   }

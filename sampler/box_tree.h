@@ -1,4 +1,4 @@
-// Positions in a k-d tree.
+// Positions or boxes in a tree of boxes.
 #pragma once
 
 #include <cstdint>
@@ -9,15 +9,20 @@
 
 namespace splatvol {
 
-/// Finds positions in boxes. Takes about 12 bytes for each.
-class PositionTree {
+/// Finds positions, or boxes, that meet a box. Takes about 20 bytes for each.
+class BoxTree {
  public:
-  /// `positions` must outlive this; fewer than 2^32 - 1. Those that are not finite are left out.
-  explicit PositionTree(std::span<const dvec3> positions);
+  /// Fewer than 2^32 - 1. Those that are not finite are left out.
+  explicit BoxTree(std::span<const dvec3> positions);
+  explicit BoxTree(std::span<const Box> boxes);
 
   [[nodiscard]] bool empty() const { return nodes_.empty(); }
 
-  /// Calls visit(index) for all positions in a box, its faces included, and some near it.
+  [[nodiscard]] std::uint64_t memory_bytes() const {
+    return order_.capacity() * sizeof(order_[0]) + nodes_.capacity() * sizeof(Node);
+  }
+
+  /// Calls visit(index) for all that meet a box, its faces included, and some near it.
   template <class Visit>
   void visit_near(const Box& box, const Visit& visit) const {
     for (std::uint32_t n = 0; n < nodes_.size();) {
@@ -35,9 +40,11 @@ class PositionTree {
     std::uint32_t begin, end;  // of `order_`
     std::uint32_t next;        // the node that follows all below this one
   };
-  void make_node(std::uint32_t begin, std::uint32_t end);
+  template <class Items>
+  void make(const Items& items);
+  template <class Items>
+  void make_node(const Items& items, std::uint32_t begin, std::uint32_t end);
 
-  std::span<const dvec3> positions_;
   std::vector<std::uint32_t> order_;
   std::vector<Node> nodes_;
 };

@@ -1,0 +1,58 @@
+// Streamlines of the vectors in the cells that a file keeps.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "base/error.h"
+#include "base/math.h"
+#include "format/volume.h"
+#include "sampler/vector_field.h"
+#include "splatvol/streamlines.h"
+
+namespace splatvol {
+
+/// Memory for chunks of cells that lets most streamlines read each chunk once.
+inline constexpr std::uint64_t usual_streamline_bytes = std::uint64_t{64} << 20;
+
+/// How far streamlines are followed.
+struct StreamlineLimits {
+  StreamlineDirection direction = StreamlineDirection::both;
+  double length = 0;  // from the seed, each way
+  std::size_t steps = 0;
+};
+
+/// Follows the streamlines of seeds, by steps of Dormand and Prince. No step is estimated to be off by more than 1e-5
+/// of the tetrahedron that it begins in, and none is longer than that: in the tetrahedron's barycentric coordinates, so
+/// in each direction by its own extent. A line ends where its next step would leave the mesh or the vector's values, or
+/// exceed the length; there, by bisection, to about 1e-9 of the cell.
+///
+/// Lines wait for chunks of cells. The chunk for which most of them wait is read next, and a step that lacks one is
+/// begun again. Calls take(line) for each line that is complete, in any order, from any thread, but one call at a time.
+/// Lines have the same bits for any order of seeds, number of threads, and memory. Heeds an Interruptible.
+[[nodiscard]] Status follow_streamlines(const VectorField& field, std::span<const dvec3> seeds,
+                                        const StreamlineLimits& limits, std::size_t threads,
+                                        const std::function<void(Streamline)>& take);
+
+/// Returns the positions of seeds that need no file: all but those on patches.
+[[nodiscard]] std::vector<dvec3> positions_on(const Seeds& seeds);
+
+/// Returns the positions of seeds. Reads the boundary of the volume for patches. Fails without any, for positions that
+/// are not finite, for a line or rectangle without an extent, and if the file lacks the patch.
+[[nodiscard]] Result<std::vector<dvec3>> positions_of(const Seeds& seeds, const format::Volume& volume);
+
+/// Returns the limits of a request. Fails unless the length and the number of steps are above 0.
+[[nodiscard]] Result<StreamlineLimits> limits_of(const StreamlineRequest& request, const format::Volume& volume);
+
+/// The failure of seeds of which none has a line: what `lines` without rows tell.
+[[nodiscard]] tl::unexpected<Error> fail_without_lines(const format::Volume& volume, std::span<const Streamline> lines);
+
+/// Returns the streamlines of a request; holds at most `memory` bytes of parts of the file. Fails as the functions
+/// above do, and if no seed has a line.
+[[nodiscard]] Result<Streamlines> find_streamlines(const format::Volume& volume, const StreamlineRequest& request,
+                                                   std::uint64_t memory, std::size_t threads);
+
+}  // namespace splatvol
