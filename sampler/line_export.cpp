@@ -1,43 +1,20 @@
 #include "sampler/line_export.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
-#include <iterator>
-#include <span>
+#include <vector>
 
 #include "base/file.h"
 #include "base/names.h"
 #include "format/mesh_box.h"
 #include "sampler/cell_line.h"
 #include "sampler/cell_tetrahedra.h"
+#include "sampler/csv_table.h"
 
 namespace splatvol {
 namespace {
 
 constexpr std::uint64_t held_bytes = std::uint64_t{128} << 20;  // of parts of the file
-constexpr std::size_t text_bytes = std::size_t{1} << 16;        // written at once
-
-std::string field_of(const std::string& name) {
-  if (name.find_first_of(",\"\r\n") == std::string::npos) return name;
-  std::string quoted = "\"";
-  for (const char c : name) quoted += c == '"' ? std::string("\"\"") : std::string(1, c);
-  return quoted + '"';
-}
-
-std::string header_of(const std::vector<std::string>& names, std::map<std::string, std::string>& renamed) {
-  std::string header;
-  for (const std::string usual : {"arc_length", "x", "y", "z"}) {
-    const std::string name =
-        free_name(usual, [&](const std::string& taken) { return std::ranges::find(names, taken) != names.end(); });
-    if (name != usual) renamed.emplace(usual, name);
-    header += field_of(name) + ',';
-  }
-  for (const std::string& name : names) header += field_of(name) + ',';
-  header.back() = '\n';
-  return header;
-}
 
 // The length of the parts between rows that have all values.
 double length_inside(const LineRows& rows) {
@@ -52,24 +29,6 @@ bool has_values(const LineRows& rows) {
   return std::ranges::any_of(rows.values, [](const std::vector<double>& values) {
     return std::ranges::any_of(values, [](double value) { return !std::isnan(value); });
   });
-}
-
-Status write_rows(AtomicFile& file, const LineRows& rows) {
-  std::string text;
-  const auto flush = [&] {
-    Status status = file.append(std::as_bytes(std::span(text)));
-    text.clear();
-    return status;
-  };
-  for (std::size_t row = 0; row < rows.arc_lengths.size(); ++row) {
-    const dvec3& p = rows.positions[row];
-    fmt::format_to(std::back_inserter(text), "{},{},{},{}", rows.arc_lengths[row], p.x, p.y, p.z);
-    for (const std::vector<double>& values : rows.values)
-      fmt::format_to(std::back_inserter(text), ",{}", std::isnan(values[row]) ? std::abs(values[row]) : values[row]);
-    text += '\n';
-    if (text.size() > text_bytes) SPLATVOL_TRY(flush());
-  }
-  return flush();
 }
 
 }  // namespace
@@ -93,9 +52,12 @@ Result<LineReport> export_line(const format::Volume& volume, const std::string& 
   LineReport report{.length = rows.arc_lengths.back(), .inside = length_inside(rows)};
   if (samples) rows = in_equal_steps(rows, start, end, *samples);
   report.rows = rows.arc_lengths.size();
-  const std::string header = header_of(selection.names, report.renamed);
-  SPLATVOL_TRY(file.append(std::as_bytes(std::span(header))));
-  SPLATVOL_TRY(write_rows(file, rows));
+  SPLATVOL_TRY(write_csv_header(file, {"arc_length", "x", "y", "z"}, selection.names, report.renamed));
+  SPLATVOL_TRY(write_csv_rows(file, report.rows, [&](std::size_t row, std::vector<double>& numbers) {
+    const dvec3& p = rows.positions[row];
+    numbers = {rows.arc_lengths[row], p.x, p.y, p.z};
+    for (const std::vector<double>& values : rows.values) numbers.push_back(values[row]);
+  }));
   report.file_bytes = file.position();
   SPLATVOL_TRY(file.commit());
   return report;

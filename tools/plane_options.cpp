@@ -1,32 +1,10 @@
 #include "tools/plane_options.h"
 
-#include <algorithm>
-#include <charconv>
-#include <cmath>
 #include <string_view>
 
+#include "tools/tool.h"
+
 namespace splatvol {
-namespace {
-
-constexpr double largest_number = 1e100;  // as in a scene file
-
-// Reads numbers with commas between them. Fails unless there are so many.
-std::optional<std::vector<double>> parse_numbers(std::string_view text, std::size_t count) {
-  std::vector<double> numbers;
-  for (std::size_t i = 0; i < count; ++i) {
-    const std::size_t comma = i + 1 < count ? text.find(',') : text.size();
-    if (comma == std::string_view::npos) return {};
-    double number = 0;
-    const auto [end, error] = std::from_chars(text.data(), text.data() + comma, number);
-    if (error != std::errc() || end != text.data() + comma || !(std::abs(number) <= largest_number)) return {};
-    numbers.push_back(number);
-    text.remove_prefix(std::min(comma + 1, text.size()));
-  }
-  return numbers;
-}
-
-}  // namespace
-
 Result<double> parse_contour(const std::string& text) {
   const auto value = parse_numbers(text, 1);
   if (!value) return fail(ErrorCode::invalid_argument, "'{}' is not a value, such as 0.8", text);

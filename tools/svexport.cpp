@@ -1,5 +1,5 @@
-// svexport: a .svol file in; voxels (.vdb), points or cells (.vtu), a contour (.vtp, .stl, .glb), or a line of sight
-// (.csv) out.
+// svexport: a .svol file in; voxels (.vdb), points or cells (.vtu), a contour (.vtp, .stl, .glb), a line of sight
+// (.csv), or streamlines (.vtp, .csv) out.
 #include <fmt/format.h>
 
 #include <cmath>
@@ -12,10 +12,12 @@
 #include "tools/ending.h"
 #include "tools/export/cell_export.h"
 #include "tools/export/contour_export.h"
+#include "tools/export/streamline_export.h"
 #include "tools/export/vdb_export.h"
 #include "tools/export/vtu_export.h"
 #include "tools/progress_lines.h"
 #include "tools/steps.h"
+#include "tools/streamline_options.h"
 #include "tools/tool.h"
 
 namespace splatvol {
@@ -34,6 +36,7 @@ struct Options {
   std::optional<double> contour;
   std::string line;
   std::optional<std::size_t> samples;
+  StreamlineOptions streamlines;
   double voxel = 0;
   std::string memory;
   Replace replace = Replace::exports;
@@ -60,24 +63,40 @@ Result<std::vector<double>> parse_line(const std::string& text) {
   return numbers;
 }
 
+void check_streamline_usage(const Options& options) {
+  const StreamlineOptions& streamlines = options.streamlines;
+  if (!streamlines.are_given()) {
+    if (!streamlines.seeds.empty() || streamlines.direction != "both" || streamlines.length || streamlines.steps)
+      missing_option("--streamlines");
+    return;
+  }
+  if (streamlines.seeds.empty()) missing_option("--seeds");
+  if (!options.output.ends_with(".vtp") && !options.is_table())
+    wrong_option("--streamlines", "is for .vtp and .csv files");
+  if (options.contour || !options.line.empty()) wrong_option("--streamlines", "stands alone");
+  if (!options.box.empty()) wrong_option("--box", "streamlines have no box");
+}
+
 // Checks the options against each other: CLI11 sees only one option at a time.
 void check_usage(const Options& options) {
   if (!options.is_vdb() && !options.output.ends_with(".vtu") && !options.is_surface() && !options.is_table())
     wrong_option("--output", "must end in .vdb, .vtu, .vtp, .stl, .glb or .csv");
   if (options.is_vdb() && options.voxel == 0) missing_option("--voxel");
   if (!options.is_vdb() && options.voxel != 0) wrong_option("--output", "--voxel is for .vdb files");
-  if (!options.is_vdb() && !options.contour && !options.memory.empty())
-    wrong_option("--output", "--memory is for .vdb files and contours");
+  check_streamline_usage(options);
+  const bool has_streamlines = options.streamlines.are_given();
+  if (!options.is_vdb() && !options.contour && !has_streamlines && !options.memory.empty())
+    wrong_option("--output", "--memory is for .vdb files, contours and streamlines");
   if (options.cells && !options.output.ends_with(".vtu")) wrong_option("--cells", "is for .vtu files");
-  if (options.is_surface() && !options.contour) missing_option("--contour");
+  if (options.is_surface() && !options.contour && !has_streamlines) missing_option("--contour");
   if (options.contour && !options.is_surface()) wrong_option("--contour", "is for .vtp, .stl and .glb files");
   if (options.contour && options.attributes.size() > 1 && !options.output.ends_with(".vtp"))
     wrong_option("--attribute", "only .vtp files have values: take the attribute of the contour alone");
-  if (options.is_table() && options.line.empty()) missing_option("--line");
+  if (options.is_table() && options.line.empty() && !has_streamlines) missing_option("--line");
   if (!options.line.empty() && !options.is_table()) wrong_option("--line", "is for .csv files");
   if (!options.line.empty() && !options.box.empty()) wrong_option("--box", "a line has no box");
   if (options.samples && options.line.empty()) wrong_option("--samples", "is for --line");
-  if ((options.cells || options.contour || !options.line.empty()) && options.resolution)
+  if ((options.cells || options.contour || !options.line.empty() || has_streamlines) && options.resolution)
     wrong_option("--resolution", "cells have no resolutions: leave it out");
   for (std::size_t axis = 0; axis < 3 && !options.box.empty(); ++axis)
     if (!(options.box[axis] <= options.box[axis + 3])) wrong_option("--box", "the first corner must be the lower one");
@@ -164,6 +183,25 @@ Result<json> export_table(const format::Volume& volume, const format::SplatSelec
                      volume, selection);
 }
 
+Result<json> export_lines_of(const format::Volume& volume, const format::SplatSelection& selection,
+                             const Options& options) {
+  SPLATVOL_TRY_ASSIGN(memory, memory_or_quarter(options.memory));
+  SPLATVOL_TRY_ASSIGN(request, request_of(options.streamlines));
+  request.attributes = selection.names;
+  SPLATVOL_TRY_ASSIGN(report, export_streamlines(volume, options.output, request, memory, options.replace));
+  json ends = json::object();
+  for (std::size_t end = 0; end < report.ends.size(); ++end)
+    if (report.ends[end] > 0) ends[name_of(static_cast<StreamlineEnd>(end))] = report.ends[end];
+  return with_errors({{"output", options.output},
+                      {"lines", report.lines},
+                      {"seeds", report.seeds},
+                      {"points", report.rows},
+                      {"ends", ends},
+                      {"file_bytes", report.file_bytes},
+                      {"renamed", report.renamed}},
+                     volume, selection);
+}
+
 Result<json> export_points(const format::Volume& volume, const format::SplatSelection& selection,
                            const Options& options) {
   const auto progress = show_progress(options);
@@ -188,6 +226,16 @@ void print_errors(const json& report) {
     print_out("  largest errors: of a coordinate {:.3g}{}\n", position_error, errors);
 }
 
+void print_streamlines(const json& report) {
+  std::string ends;
+  for (const auto& [end, count] : report["ends"].items())
+    ends += fmt::format(", {} {}", end, count.get<std::uint64_t>());
+  print_out("{}: {} streamlines of {} seeds, {} points, {} bytes, {:.2f} s\n  ends: {}\n",
+            report["output"].get<std::string>(), report["lines"].get<std::uint64_t>(),
+            report["seeds"].get<std::uint64_t>(), report["points"].get<std::uint64_t>(),
+            report["file_bytes"].get<std::uint64_t>(), report["seconds"].get<double>(), ends.substr(2));
+}
+
 void print_text(const json& report) {
   if (report.contains("voxels"))
     print_out("{}: {} voxels of {} splats, mass {:.9g} of {:.9g}, {} bytes, {:.2f} s\n",
@@ -207,6 +255,8 @@ void print_text(const json& report) {
               report["output"].get<std::string>(), report["rows"].get<std::uint64_t>(), report["length"].get<double>(),
               report["inside"].get<double>(), report["file_bytes"].get<std::uint64_t>(),
               report["seconds"].get<double>());
+  else if (report.contains("lines"))
+    print_streamlines(report);
   else if (report.contains("cells"))
     print_out("{}: {} cells with {} points, volume {:.9g}, {} bytes, {:.2f} s\n", report["output"].get<std::string>(),
               report["cells"].get<std::uint64_t>(), report["points"].get<std::uint64_t>(),
@@ -236,11 +286,12 @@ Status run_export(const Options& options) {
   if (!options.box.empty())
     box = {{options.box[0], options.box[1], options.box[2]}, {options.box[3], options.box[4], options.box[5]}};
   SPLATVOL_TRY_ASSIGN(selection, format::select_splats(*volume, options.resolution, options.attributes, box));
-  const auto export_it = options.is_vdb()        ? export_voxels
-                         : options.contour       ? export_surface
-                         : !options.line.empty() ? export_table
-                         : options.cells         ? export_mesh
-                                                 : export_points;
+  const auto export_it = options.is_vdb()                  ? export_voxels
+                         : options.contour                 ? export_surface
+                         : options.streamlines.are_given() ? export_lines_of
+                         : !options.line.empty()           ? export_table
+                         : options.cells                   ? export_mesh
+                                                           : export_points;
   SPLATVOL_TRY_ASSIGN(report, export_it(*volume, selection, options));
   report["seconds"] = seconds_now() - start;
   if (options.progress)
@@ -277,10 +328,7 @@ void add_file_options(CommandLine& app, Options& options) {
          "the input up to the errors that the result states; svbuild --exact leaves none. .vtp, .stl, .glb: the "
          "triangles "
          "of a contour; .vtp has the values of all attributes of --attribute. .csv: a table of the values along a "
-         "line. "
-         "Replaces its own exports, other files "
-         "with "
-         "--force only")
+         "line. .vtp and .csv: streamlines. Replaces its own exports, other files with --force only")
       ->required()
       ->type_name("OUT.vdb|OUT.vtu|OUT.vtp|OUT.stl|OUT.glb|OUT.csv")
       ->check(check_not_empty);
@@ -334,10 +382,11 @@ void add_selection_options(CommandLine& app, Options& options) {
       });
   app.add_option(
          "--memory", options.memory,
-         "Bytes that the voxels, or the open vertices of a contour, may take, such as 2G (default: a quarter of "
-         "the machine's or container's)")
+         "Bytes that the voxels, the open vertices of a contour, or the cells that streamlines wait for may take, such "
+         "as 2G (default: a quarter of the machine's or container's)")
       ->type_name("SIZE")
       ->check(check_of(parse_bytes));
+  add_streamline_options(app, options.streamlines);
   add_force_option(app, options.replace);
   app.add_flag("--json", options.json, "Print the result as JSON");
   app.add_flag("--progress", options.progress, "For programs: print lines of JSON, the last with the result");
@@ -350,8 +399,8 @@ int main(int argc, char** argv) {
   using namespace splatvol;
   Options options;
   CommandLine app(
-      "Exports a .svol file to voxels (.vdb, for OpenVDB), to points or cells (.vtu, for VTK), or to the "
-      "triangles of a contour (.vtp, .stl, .glb)",
+      "Exports a .svol file to voxels (.vdb, for OpenVDB), to points or cells (.vtu, for VTK), to the triangles "
+      "of a contour (.vtp, .stl, .glb), to the values on a line (.csv), or to streamlines (.vtp, .csv)",
       "svexport");
   add_file_options(app, options);
   add_selection_options(app, options);

@@ -7,7 +7,7 @@
 #include <limits>
 
 #include "base/names.h"
-#include "sampler/position_tree.h"
+#include "sampler/box_tree.h"
 #include "sampler/tetrahedron.h"
 
 namespace splatvol {
@@ -56,7 +56,7 @@ std::vector<double> sample_mesh(const TetMesh& mesh, std::span<const dvec3> posi
   constexpr double infinity = std::numeric_limits<double>::infinity();
   std::vector<double> values(positions.size(), std::numeric_limits<double>::quiet_NaN());
   std::vector<double> distances(positions.size(), infinity);  // from the tetrahedron that has the value
-  const PositionTree tree(positions);
+  const BoxTree tree(positions);
   for (std::size_t t = 0; t < mesh.tetrahedra.size() && !tree.empty(); ++t) {
     const Sampled sampled = sampled_of(mesh, t);
     if (!std::ranges::all_of(sampled.values, [](double value) { return std::isfinite(value); })) continue;

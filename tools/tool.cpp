@@ -235,6 +235,21 @@ unsigned default_threads() {
   return static_cast<unsigned>(std::strtoul(environment(threads_variable).c_str(), nullptr, 10));
 }
 
+std::optional<std::vector<double>> parse_numbers(std::string_view text, std::size_t count) {
+  constexpr double largest_number = 1e100;  // as in a scene file
+  std::vector<double> numbers;
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::size_t comma = i + 1 < count ? text.find(',') : text.size();
+    if (comma == std::string_view::npos) return {};
+    double number = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + comma, number);
+    if (error != std::errc() || end != text.data() + comma || !(std::abs(number) <= largest_number)) return {};
+    numbers.push_back(number);
+    text.remove_prefix(std::min(comma + 1, text.size()));
+  }
+  return numbers;
+}
+
 Result<std::array<int, 2>> parse_image_size(const std::string& text) {
   int width = 0;
   int height = 0;

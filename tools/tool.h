@@ -6,7 +6,9 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -68,6 +70,9 @@ class ProgressBar {
 
 /// Reads a number of bytes: "65536", "64K", "1.5G" (powers of 1024; K, M, G, T, with or without iB).
 [[nodiscard]] Result<std::uint64_t> parse_bytes(const std::string& text);
+
+/// Reads so many numbers with commas between them, of at most 1e100 in size; none if the text is something else.
+[[nodiscard]] std::optional<std::vector<double>> parse_numbers(std::string_view text, std::size_t count);
 
 /// A default for --memory: SPLATVOL_MEMORY of the environment; else so many MiB, or half of what this process may have,
 /// if that is less.

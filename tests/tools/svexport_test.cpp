@@ -58,6 +58,14 @@ TEST_F(Svexport, WrongUsageIsTwo) {
                                                         {"out.vtu", "--cells --resolution 1"},
                                                         {"out.vtu", "--cells --voxel 1"},
                                                         {"out.vtu", "--cells --memory 1G"},
+                                                        {"out.vtp", "--streamlines U"},
+                                                        {"out.vtp", "--contour 1 --seeds 0,0,0"},
+                                                        {"out.vtu", "--streamlines U --seeds 0,0,0"},
+                                                        {"out.vtp", "--streamlines U --seeds 0,0"},
+                                                        {"out.vtp", "--streamlines U --seeds 0,0,0:1,0,0"},
+                                                        {"out.vtp", "--streamlines U --seeds 0,0,0:1,0,0:0,1,0:3"},
+                                                        {"out.vtp", "--streamlines U --seeds 0,0,0 --length 0"},
+                                                        {"out.csv", "--streamlines U --seeds 0,0,0 --box 0,0,0,1,1,1"},
                                                         {"out.vdb", "--cells --voxel 1"},
                                                         {"out.stl", ""},
                                                         {"out.vtu", "--contour 0.5"},
@@ -132,6 +140,45 @@ TEST_F(Svexport, WritesLines) {
   expect_refusal("svexport in.svol -o none.csv --line 0,0,0:1,0,0", "keeps no cells");
   expect_refusal("svexport mesh.svol -o none.csv --line 1,0,0:1,0,0", "the line has no length");
   expect_refusal("svexport mesh.svol -o none.csv --line 5,5,5:6,6,6", "the line has no values");
+}
+
+// A cube with velocities along x, which grow with x.
+constexpr const char* moving_cube = R"(# vtk DataFile Version 3.0
+cube
+ASCII
+DATASET UNSTRUCTURED_GRID
+POINTS 8 double
+0 0 0 1 0 0 0 1 0 1 1 0 0 0 1 1 0 1 0 1 1 1 1 1
+CELLS 1 9
+8 0 1 3 2 4 5 7 6
+CELL_TYPES 1
+12
+POINT_DATA 8
+VECTORS U double
+1 0 0 2 0 0 1 0 0 2 0 0 1 0 0 2 0 0 1 0 0 2 0 0
+)";
+
+TEST_F(Svexport, WritesStreamlines) {
+  std::ofstream(path("cube.vtk")) << moving_cube;
+  expect_done("svbuild cube.vtk --exact -o cube.svol");
+  const std::string some = "svexport cube.svol -o out.vtp --streamlines U --seeds 0.5,0.1,0.5:0.5,2,0.5:3 ";
+  const auto report = document_of(ProgramTest::run(some + "--json"));
+  EXPECT_EQ(report["seeds"], 3);
+  EXPECT_EQ(report["lines"], 1);
+  EXPECT_EQ(report["ends"]["mesh"], 2);
+  EXPECT_EQ(report["file_bytes"], fs::file_size(path("out.vtp")));
+  EXPECT_THAT(ProgramTest::run(some).out, ::testing::StartsWith("out.vtp: 1 streamlines of 3 seeds, "));
+  const std::string table = "svexport cube.svol -o out.csv --streamlines U --seeds 0,0.2,0.3 --attribute U[0] ";
+  expect_done(table + "--direction forward --memory 1M");
+  EXPECT_THAT(read("out.csv"),
+              ::testing::MatchesRegex("seed,time,x,y,z,U\\[0\\]\n0,0,0,0.2,0.3,1\n(.*\n)*"
+                                      "0,0.69314[0-9]*,(1|0.9999999[0-9]*),0.2,0.3,(2|1.9999999[0-9]*)\n"));
+  expect_refusal(table, "--force");
+  expect_done(table + "--force --length 0.1 --steps 5");
+  expect_refusal("svexport cube.svol -o out.vtp --streamlines V --seeds 0,0,0", "vectors: U");
+  expect_refusal("svexport cube.svol -o out.vtp --streamlines U --seeds 7,0,0", "no seed has a streamline");
+  expect_refusal("svexport cube.svol -o out.vtp --streamlines U --seeds inlet:5", "svbuild --boundary");
+  expect_refusal("svexport in.svol -o out.vtp --streamlines U --seeds 0,0,0", "is no vector");
 }
 
 TEST_F(Svexport, WritesCells) {
