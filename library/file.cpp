@@ -19,6 +19,7 @@
 #include "sampler/cell_tetrahedra.h"
 #include "sampler/integrals.h"
 #include "sampler/splat_sampler.h"
+#include "sampler/streamlines.h"
 #include "sampler/surface_integrals.h"
 
 namespace splatvol {
@@ -225,6 +226,11 @@ Result<Integrals> File::integrate(const IntegralRequest& request) const {
 Result<SurfaceIntegrals> File::integrate_surface(const SurfaceRequest& request) const {
   const std::size_t threads = std::max(1u, std::thread::hardware_concurrency());
   return splatvol::integrate_surface(*contents_->volume, request, held_bytes, threads, [](double) {});
+}
+
+Result<Streamlines> File::streamlines(const StreamlineRequest& request) const {
+  const std::size_t threads = std::max(1u, std::thread::hardware_concurrency());
+  return find_streamlines(*contents_->volume, request, usual_streamline_bytes, threads);
 }
 
 Status File::verify(const std::function<void(double)>& progress) const {

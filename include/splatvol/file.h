@@ -18,6 +18,7 @@
 #include "splatvol/geometry.h"
 #include "splatvol/integrals.h"
 #include "splatvol/meshes.h"
+#include "splatvol/streamlines.h"
 
 namespace splatvol {
 
@@ -168,6 +169,16 @@ class SPLATVOL_EXPORT File {
   /// region of the request cuts it exactly. A face of cells in the plane of a slice counts once. Fails also if a
   /// contour's cells have values of their own.
   [[nodiscard]] Result<SurfaceIntegrals> integrate_surface(const SurfaceRequest& request) const;
+
+  /// Returns the streamlines of a vector through the seeds of the request, in the cells that the file keeps, with the
+  /// values of its attributes. The vector is linear in each tetrahedron; where cells overlap, the first of the file
+  /// counts. Steps are those of Dormand and Prince, of order 5: no longer than a tetrahedron, and each is estimated to
+  /// be off by at most 1e-5 of it. A line ends at the mesh's end, at a missing value, where nothing moves, or at a
+  /// limit of the request, and tells which. Lines have the same bits for any number of threads and order of seeds.
+  /// Reads the chunks of cells on their way, and holds at most 64 MiB of them, besides the lines. Fails if the file
+  /// keeps no cells or if they have values of their own, without a vector of three components, and if no seed has a
+  /// line.
+  [[nodiscard]] Result<Streamlines> streamlines(const StreamlineRequest& request) const;
 
   /// Checks every byte of the file; of an index, of the files of all steps, and its units and ranges. Calls `progress`
   /// with the share done, in [0, 1].

@@ -8,6 +8,7 @@
 #include <nanobind/stl/vector.h>
 
 #include <shared_mutex>
+#include <span>
 #include <tuple>
 
 #include "library/python/module/arrays.h"
@@ -26,6 +27,13 @@ using namespace nb::literals;
 using AttributeRow = std::tuple<std::string, std::string, double, double, std::uint64_t, double>;
 
 using Corner = std::tuple<double, double, double>;
+
+using Positions = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig>;
+
+std::span<const dvec3> span_of(const Positions& positions) {
+  static_assert(sizeof(dvec3) == 3 * sizeof(double));
+  return {reinterpret_cast<const dvec3*>(positions.data()), positions.shape(0)};
+}
 
 dvec3 vector_of(const Corner& p) { return {std::get<0>(p), std::get<1>(p), std::get<2>(p)}; }
 Corner corner_of(const dvec3& p) { return {p.x, p.y, p.z}; }
@@ -101,11 +109,9 @@ nb::dict read_points(const SharedFile& file, std::optional<std::size_t> resoluti
   return points_of(file.read([&](const File& opened) { return opened.points(request); }), material);
 }
 
-OutArray<double> sample(const SharedFile& file,
-                        const nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig>& positions,
-                        const std::string& attribute, std::optional<std::size_t> resolution) {
-  static_assert(sizeof(dvec3) == 3 * sizeof(double));
-  const std::span where(reinterpret_cast<const dvec3*>(positions.data()), positions.shape(0));
+OutArray<double> sample(const SharedFile& file, const Positions& positions, const std::string& attribute,
+                        std::optional<std::size_t> resolution) {
+  const std::span<const dvec3> where = span_of(positions);
   return take(file.read([&](const File& opened) { return opened.sample(where, attribute, resolution); }));
 }
 
@@ -215,6 +221,28 @@ nb::dict sample_line(const SharedFile& file, const Corner& start, const Corner& 
   return dict;
 }
 
+// [seed, positions, times, values, begin, end] of each line. `patch`: instead of seeds, with `count` on it.
+std::pair<std::vector<std::string>, nb::list> streamlines(const SharedFile& file, const std::string& vector,
+                                                          const Positions& seeds,
+                                                          const std::optional<std::string>& patch, std::size_t count,
+                                                          const std::vector<std::string>& attributes, int direction,
+                                                          std::optional<double> max_length, std::size_t max_steps) {
+  StreamlineRequest request{.vector = vector,
+                            .attributes = attributes,
+                            .direction = static_cast<StreamlineDirection>(direction),
+                            .max_length = max_length,
+                            .max_steps = max_steps};
+  const std::span<const dvec3> positions = span_of(seeds);
+  request.seeds = std::vector(positions.begin(), positions.end());
+  if (patch) request.seeds = SeedPatch{*patch, count};
+  Streamlines found = file.read([&](const File& opened) { return opened.streamlines(request); });
+  nb::list rows;
+  for (Streamline& line : found.lines)
+    rows.append(nb::make_tuple(line.seed, take(std::move(line.positions)), take(std::move(line.times)),
+                               lists_of(std::move(line.values)), name_of(line.begin), name_of(line.end)));
+  return {std::move(found.names), rows};
+}
+
 void verify(const SharedFile& file, const nb::object& progress) {
   ProgressBox box;
   WhileCalling meanwhile;
@@ -267,6 +295,8 @@ void add_file(nb::module_& module) {
       .def("integrate", &integrate, "attributes"_a, "box"_a.none(), "clip_planes"_a, "ranges"_a)
       .def("integrate_surface", &integrate_surface, "contour"_a.none(), "slice"_a.none(), "attributes"_a,
            "box"_a.none(), "clip_planes"_a, "ranges"_a, "vector"_a)
+      .def("streamlines", &streamlines, "vector"_a, "seeds"_a.noconvert(), "patch"_a.none(), "count"_a, "attributes"_a,
+           "direction"_a, "max_length"_a.none(), "max_steps"_a)
       .def("verify", &verify, "progress"_a.none())
       .def("file_bytes", [](const SharedFile& file) { return file.look([](const File& f) { return f.file_bytes(); }); })
       .def("bytes_read",

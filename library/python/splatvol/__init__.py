@@ -6,7 +6,18 @@ server. See docs/python.md.
 
 from ._build import BuildReport, Step, build, build_mesh, build_series
 from ._core import version as __version__
-from ._files import Attribute, File, Frame, Integral, LineSamples, Points, SurfaceIntegral, SurfaceIntegrals, open
+from ._files import (
+    Attribute,
+    File,
+    Frame,
+    Integral,
+    LineSamples,
+    Points,
+    Streamline,
+    SurfaceIntegral,
+    SurfaceIntegrals,
+    open,
+)
 from ._pictures import save, to_srgb8
 from ._renderers import Statistics
 from ._scenes import check_scene
@@ -26,6 +37,6 @@ from .errors import (
 __all__ = [
     "Attribute", "BuildReport", "CancelledError", "DeviceError", "Error", "File", "FileError", "Frame", "Integral",
     "InvalidArgumentError", "InvalidDataError", "LineSamples", "MissingFileError", "OutOfBudgetError", "Points",
-    "Statistics", "Step", "SurfaceIntegral", "SurfaceIntegrals", "UnsupportedError", "__version__", "build",
+    "Statistics", "Step", "Streamline", "SurfaceIntegral", "SurfaceIntegrals", "UnsupportedError", "__version__", "build",
     "build_mesh", "build_series", "check_scene", "open", "save", "show", "to_srgb8",
 ]

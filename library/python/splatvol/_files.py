@@ -80,6 +80,19 @@ class LineSamples:
     values: Dict[str, Floats]  #: attribute: (n,)
 
 
+@dataclass(frozen=True)
+class Streamline:
+    """A line that is everywhere parallel to a vector. Rows follow each other with the vectors. Without rows, the seed is
+    at an end."""
+
+    seed: int  #: its number
+    positions: Floats  #: (n, 3), world units
+    times: Floats  #: (n,), from the seed, lengths over speeds; negative against the vectors
+    values: Dict[str, Floats]  #: attribute: (n,)
+    begin: str  #: why it ends at its first row: seed, mesh, missing, no_speed, length or steps
+    end: str  #: and at its last
+
+
 class Integral(NamedTuple):
     """The integral of an attribute over cells. Without volume, the mean and what stands after it are NaN."""
 
@@ -123,6 +136,9 @@ class Frame(NamedTuple):
     picture: NDArray[np.float32]  #: (height, width, 4)
     statistics: Statistics
 
+
+#: Those of ``File.streamlines``, in the order of the library.
+_DIRECTIONS = ("both", "forward", "backward")
 
 #: Options of ``File.render`` and ``File.frames`` that are not of the quality.
 _DRAWING = {"scene", "size", "attribute", "memory"}
@@ -484,6 +500,47 @@ class File:
         _tell_unknown("area", read["unknown_area"], self.name)
         rows = {row.pop("name"): SurfaceIntegral(**row) for row in read["attributes"]}
         return SurfaceIntegrals(read["area"], read["flux"], read["enclosed_volume"], rows)
+
+    def streamlines(
+        self,
+        vector: str,
+        seeds: Optional[ArrayLike] = None,
+        *,
+        patch: Optional[str] = None,
+        count: int = 100,
+        attributes: Optional[Sequence[str]] = None,
+        direction: str = "both",
+        max_length: Optional[float] = None,
+        max_steps: int = 10_000,
+    ) -> List[Streamline]:
+        """Returns the streamlines of a vector in the cells that the file keeps: one for each seed, with the values of
+        attributes (None: all). The vector ``U`` has the attributes ``U[0]``, ``U[1]`` and ``U[2]``.
+
+        ``seeds``: (n, 3), world units; or ``count`` of them on a ``patch`` of the boundary. ``direction``: "forward" with
+        the vectors, "backward" or "both". ``max_length`` (None: five diagonals of the mesh's box) and ``max_steps``: from
+        the seed, each way.
+
+        The vector is linear in each tetrahedron of the cells. Steps are those of Dormand and Prince, no longer than a
+        tetrahedron, and off by 1e-5 of it, as estimated. Lines end at the mesh's end, at a missing value, where nothing
+        moves, and at the limits. Ctrl-C ends the call.
+
+        Raises ``InvalidArgumentError`` if the file keeps no cells, lacks the vector or the patch, or if no seed has a
+        line; ``UnsupportedError`` if cells have values of their own.
+        """
+        if (seeds is None) == (patch is None):
+            raise InvalidArgumentError("streamlines begin at seeds or on a patch: give one of both")
+        if direction not in _DIRECTIONS:
+            raise InvalidArgumentError(f"direction {direction!r} is none of {', '.join(_DIRECTIONS)}")
+        positions = np.ascontiguousarray(np.empty((0, 3)) if seeds is None else seeds, np.float64)
+        if positions.ndim != 2 or positions.shape[1] != 3:
+            raise InvalidArgumentError(f"{self.name}: seeds have the shape (n, 3), not {positions.shape}")
+        names, lines = self._file.streamlines(
+            vector, positions, patch, count, _names(attributes), _DIRECTIONS.index(direction), max_length, max_steps
+        )
+        return [
+            Streamline(seed, at, times, dict(zip(names, values)), begin, end)
+            for seed, at, times, values, begin, end in lines
+        ]
 
     def verify(self, progress: Optional[Callable[[float], Any]] = None) -> None:
         """Checks every byte of the file; of an index, of the files of all steps, and its units and ranges.
