@@ -45,6 +45,12 @@ tl::unexpected<Error> fail_two_surfaces() {
               "depths of surfaces, and a scene that shows surfaces or slices: give one of them");
 }
 
+// Whether memory is to have room for cells of streamlines.
+bool has_streamlines(const Scene& scene, const PlayerOptions& options, const format::Volume& volume) {
+  if (!format::CellReader::has_cells(volume)) return false;
+  return !scene.streamlines.empty() || (options.takes_tubes && !vectors_of(volume.info()).empty());
+}
+
 // Rays that measure an error meet about as many cells as a picture does. Two cores need a tenth of a second for 2^21.
 constexpr std::uint64_t most_tetrahedra_for_rays = std::uint64_t{1} << 21;
 
@@ -118,9 +124,9 @@ Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std
   SPLATVOL_TRY_ASSIGN(volume,
                       held.volume ? Result<std::shared_ptr<const format::Volume>>(held.volume) : steps.volume(step));
   SPLATVOL_TRY_ASSIGN(used, scene ? Result<Scene>(*scene) : default_scene(*volume, "", options.first_picture));
-  auto memory = held.memory
-                    ? held.memory
-                    : std::make_shared<PlayerMemory>(options.memory, *volume, !steps.times().empty(), options.draws);
+  auto memory = held.memory ? held.memory
+                            : std::make_shared<PlayerMemory>(options.memory, *volume, !steps.times().empty(),
+                                                             options.draws, has_streamlines(used, options, *volume));
   SPLATVOL_TRY_ASSIGN(surfaces, read_scene_surfaces(used.surfaces, *volume, options.read_surface,
                                                     memory->patches.capacity(), held.surfaces));
   SPLATVOL_TRY_ASSIGN(
@@ -131,8 +137,13 @@ Result<PlayerFile> Player::read(format::Steps steps, std::size_t step, const std
                                          .on_data = options.on_data,
                                          .opacity_attribute = opacity_attribute_of(used),
                                          .room = held.room ? *held.room : room_in(memory->table, memory->splats)}));
-  return PlayerFile{std::move(steps),   step, std::move(used), options, std::move(memory), std::move(streamer),
-                    std::move(surfaces)};
+  PlayerFile file{std::move(steps),   step, std::move(used), options, std::move(memory), std::move(streamer),
+                  std::move(surfaces)};
+  if (!options.takes_tubes)
+    SPLATVOL_TRY_SET(file.tubes, read_scene_streamlines(
+                                     file.scene.streamlines,
+                                     {file.streamer->shared_volume(), file.memory, file.streamer->room()}, held.tubes));
+  return file;
 }
 
 Result<Scene> Player::fitting_scene(const std::string& attribute, const FirstPicture& picture) const {
@@ -152,29 +163,38 @@ Player::Reader Player::reader(const Scene& scene, const PlayerOptions& options,
                               std::optional<std::size_t> asked_step) const {
   const std::size_t step = asked_step.value_or(step_);
   const SceneChange change = change_between(scene_, scene);
+  const bool lacks_room = !scene.streamlines.empty() && memory_->streamlines.capacity() == 0 && has_cells();
   const bool other_parts = step != step_ || options.memory != options_.memory ||
-                           kernel_of(options.drawing) != kernel_of(options_.drawing) || change.data ||
+                           kernel_of(options.drawing) != kernel_of(options_.drawing) || change.data || lacks_room ||
                            (scene.lighting && !scene_.lighting && kernel_of(options.drawing) == KernelKind::octant);
   if (other_parts) {
-    Held held{step == step_ ? surfaces_.all : surfaces_of_all_steps()};
-    if (options.memory == options_.memory) held.memory = memory_;
+    Held held{step == step_ ? surfaces_.all : surfaces_of_all_steps(), surfaces_.tubes};
+    if (options.memory == options_.memory && !lacks_room) held.memory = memory_;
     if (step == step_ && !is_lost_) held.volume = streamer_->shared_volume();
     if (held.memory && (held.volume || !steps_.are_files())) held.room = streamer_->room();
     return [=, steps = steps_, held = std::move(held)] { return read(steps, step, scene, options, held); };
   }
-  if (!change.surfaces) return {};
-  return [=, steps = steps_, memory = memory_, before = surfaces_.all]() -> Result<PlayerFile> {
+  const bool has_other_tubes = change.streamlines && !options.takes_tubes;
+  if (!change.surfaces && !has_other_tubes) return {};
+  return [=, steps = steps_, memory = memory_, before = surfaces_.all, tubes = surfaces_.tubes,
+          room = streamer_->room()]() -> Result<PlayerFile> {
     SPLATVOL_TRY_ASSIGN(volume, steps.volume(step));
-    SPLATVOL_TRY_ASSIGN(surfaces, read_scene_surfaces(scene.surfaces, *volume, options.read_surface,
-                                                      memory->patches.capacity(), before));
-    return PlayerFile{steps, step, scene, options, memory, nullptr, std::move(surfaces)};
+    PlayerFile file{steps, step, scene, options, memory, nullptr, before, tubes};
+    if (change.surfaces)
+      SPLATVOL_TRY_SET(file.surfaces, read_scene_surfaces(scene.surfaces, *volume, options.read_surface,
+                                                          memory->patches.capacity(), before));
+    if (has_other_tubes)
+      SPLATVOL_TRY_SET(file.tubes, read_scene_streamlines(scene.streamlines, {volume, memory, room}, tubes));
+    return file;
   };
 }
 
 // Depths of another program, and surfaces or slices of the scene: only one of them.
 Status Player::check_surfaces(const Scene& scene, const View& view) const {
   if (!surfaces_.depths) return {};
-  if (!view.slices.empty() || std::ranges::any_of(scene.surfaces, &SceneSurface::shown)) return fail_two_surfaces();
+  if (!view.slices.empty() || std::ranges::any_of(scene.surfaces, &SceneSurface::shown) ||
+      std::ranges::any_of(scene.streamlines, &SceneStreamlines::shown))
+    return fail_two_surfaces();
   return {};
 }
 
@@ -194,7 +214,20 @@ Status Player::replace(PlayerFile file) {
   SPLATVOL_TRY(take_over(file.scene, file.options, std::move(file.streamer), file.memory, view));
   if (is_read) step_ = file.step;
   take_surfaces(std::move(file.surfaces));
+  if (!options_.takes_tubes) set_tubes(std::move(file.tubes));
   return {};
+}
+
+void Player::set_tubes(std::vector<SceneTubes> tubes) {
+  surfaces_.tubes = std::move(tubes);
+  surfaces_.view.reset();
+}
+
+// Surfaces and tubes.
+std::vector<Surface> Player::all_surfaces() const {
+  std::vector<Surface> all = surfaces_.all;
+  for (const SceneTubes& tubes : surfaces_.tubes) all.push_back(tubes.surface);
+  return all;
 }
 
 // Patches have their share while there are some.
@@ -252,14 +285,14 @@ Status Player::take_over(const Scene& scene, const PlayerOptions& options, std::
 
 // Opens a step as if none were open.
 Status Player::open_again(std::size_t step) {
-  SPLATVOL_TRY_ASSIGN(file, read(steps_, step, scene_, options_, {surfaces_of_all_steps(), memory_}));
+  SPLATVOL_TRY_ASSIGN(file, read(steps_, step, scene_, options_, {surfaces_of_all_steps(), surfaces_.tubes, memory_}));
   return replace(std::move(file));
 }
 
 std::optional<Error> Player::left_out() const { return left_out_error(surfaces_.all, steps_.name()); }
 
 bool Player::shows_surfaces() const {
-  return !view_.slices.empty() || std::ranges::any_of(surfaces_.all, &Surface::is_visible);
+  return !view_.slices.empty() || std::ranges::any_of(all_surfaces(), &Surface::is_visible);
 }
 
 Status Player::set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) {
@@ -297,6 +330,7 @@ Status Player::change_step(std::size_t step) {
     SPLATVOL_TRY(read_boundary_of(*volume));
   }
   SPLATVOL_TRY(read_values_of(step, volume));
+  SPLATVOL_TRY(read_tubes_of(step, volume));
   is_lost_ = true;
   cells_.drop();
   SPLATVOL_TRY(volume ? streamer_->set_step(std::move(volume)) : streamer_->set_step(step));
@@ -332,6 +366,15 @@ Status Player::read_values_of(std::size_t step, std::shared_ptr<const format::Vo
   std::vector<Surface> surfaces = surfaces_.all;
   SPLATVOL_TRY(add_values(surfaces, *volume, surfaces_.all));
   take_surfaces(std::move(surfaces));
+  return {};
+}
+
+// The streamlines at a step, likewise.
+Status Player::read_tubes_of(std::size_t step, std::shared_ptr<const format::Volume> volume) {
+  if (options_.takes_tubes || scene_.streamlines.empty()) return {};
+  if (!volume) SPLATVOL_TRY_SET(volume, steps_.volume(step));
+  SPLATVOL_TRY_ASSIGN(tubes, read_scene_streamlines(scene_.streamlines, {volume, memory_, streamer_->room()}, {}));
+  set_tubes(std::move(tubes));
   return {};
 }
 
@@ -427,10 +470,10 @@ Result<FrameTimes> Player::draw_volume(const View& view) {
 // Finds the layers of surfaces, and of slices unless cells have their values.
 void Player::lay_surfaces(const View& view, bool has_slices) {
   if (has_slices && !view.slices.empty()) {
-    surfaces_.layers = draw_surfaces(surfaces_.all, draw_slices(view), view);
+    surfaces_.layers = draw_surfaces(all_surfaces(), draw_slices(view), view);
     surfaces_.view.reset();
   } else if (surfaces_.view != view) {
-    surfaces_.layers = draw_surfaces(surfaces_.all, {}, view);
+    surfaces_.layers = draw_surfaces(all_surfaces(), {}, view);
     surfaces_.view = view;
   }
 }

@@ -20,6 +20,7 @@
 #include "player/pacer.h"
 #include "player/player_memory.h"
 #include "player/recipe.h"
+#include "player/scene_streamlines.h"
 #include "renderer/device/device.h"
 #include "renderer/rasterizer.h"
 #include "renderer/surfaces/draw_surfaces.h"
@@ -45,6 +46,9 @@ struct PlayerOptions {
 
   /// Of a file that is opened without a scene: what its scene is to fit.
   FirstPicture first_picture = {};
+
+  /// Whether tubes of streamlines come by set_tubes. Else they are read with the scene.
+  bool takes_tubes = false;
 
   /// Reads the files of a scene's surfaces. Empty: scenes that show such surfaces are refused. The boundary needs none.
   ReadSurface read_surface = {};
@@ -109,6 +113,7 @@ struct PlayerFile {
   std::shared_ptr<PlayerMemory> memory;  // of what follows
   std::unique_ptr<Streamer> streamer;    // of `step`; null: that of the player stays
   std::vector<Surface> surfaces;         // of `scene`
+  std::vector<SceneTubes> tubes = {};    // likewise, unless they come by Player::set_tubes
 };
 
 /// An open file, its scene and a device that draws it. Errors name the file. All calls come from one thread, besides
@@ -129,6 +134,7 @@ class Player {
   /// What a player of the file holds, and need not be read again.
   struct Held {
     std::vector<Surface> surfaces = {};
+    std::vector<SceneTubes> tubes = {};
     std::shared_ptr<PlayerMemory> memory = {};          // of options.memory bytes; null: none
     std::shared_ptr<const format::Volume> volume = {};  // at the step; null: to be opened
     std::optional<PartRoom> room = {};                  // of the same file, in this memory
@@ -164,6 +170,15 @@ class Player {
   /// must have the size of the depths. Null: no surfaces. If it fails, all stays as it was. Fails if the scene shows
   /// surfaces or slices.
   [[nodiscard]] Status set_surface_depths(std::shared_ptr<const SurfaceDepths> depths);
+
+  /// Draws these tubes of streamlines from now on.
+  void set_tubes(std::vector<SceneTubes> tubes);
+  [[nodiscard]] const std::vector<SceneTubes>& tubes() const { return surfaces_.tubes; }
+
+  /// Returns where streamlines are followed: at the step that is shown.
+  [[nodiscard]] StreamlineFile streamline_file() const {
+    return {streamer_->shared_volume(), memory_, streamer_->room()};
+  }
 
   /// Returns a scene that fits the data; for the best attribute if `attribute` is empty.
   [[nodiscard]] Result<Scene> fitting_scene(const std::string& attribute = "", const FirstPicture& picture = {}) const;
@@ -356,6 +371,8 @@ class Player {
   void lay_surfaces(const View& view, bool has_slices);
   [[nodiscard]] Result<std::vector<CellLayer>> lay_cells();
   void take_surfaces(std::vector<Surface> surfaces);
+  [[nodiscard]] std::vector<Surface> all_surfaces() const;
+  [[nodiscard]] Status read_tubes_of(std::size_t step, std::shared_ptr<const format::Volume> volume);
   [[nodiscard]] Result<std::shared_ptr<const FileCells>> open_cells();
   [[nodiscard]] bool shows_surfaces() const;
   // Whether something opaque or translucent stands among the splats: it needs a sample in each pixel.
@@ -382,6 +399,7 @@ class Player {
   struct Surfaces {
     std::shared_ptr<const SurfaceDepths> depths = {};  // of another program
     std::vector<Surface> all = {};                     // of the scene
+    std::vector<SceneTubes> tubes = {};                // likewise
     Reservation patches_room = {};                     // while surfaces are patches
     SurfaceLayers layers = {};                         // of the last picture with surfaces or slices
     std::optional<View> view = {};                     // shows the layers; none: they are to be drawn

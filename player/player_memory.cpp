@@ -4,21 +4,24 @@
 
 #include "format/cell_reader.h"
 #include "player/scene_surfaces.h"
+#include "sampler/streamlines.h"
 
 namespace splatvol {
 namespace {
 
-// Patches have at most one part in so many.
+// Patches, and the cells of streamlines, have at most one part in so many.
 constexpr std::uint64_t memory_per_patches = 4;
+constexpr std::uint64_t memory_per_streamlines = 4;
 
 }  // namespace
 
 // The rest is divided in 32 parts. Where cells are drawn, splats only stand in for them.
 PlayerMemory::Sizes PlayerMemory::sizes_of(std::uint64_t bytes, const format::Volume& volume, bool has_steps,
-                                           DrawnParts drawn) {
+                                           DrawnParts drawn, bool has_streamlines) {
   Sizes sizes;
   sizes.patches = std::min(bytes / memory_per_patches, bytes_of_patches(volume));
-  const std::uint64_t rest = bytes - sizes.patches;
+  if (has_streamlines) sizes.streamlines = std::min(bytes / memory_per_streamlines, usual_streamline_bytes);
+  const std::uint64_t rest = bytes - sizes.patches - sizes.streamlines;
   if (drawn != DrawnParts::splats && format::CellReader::has_cells(volume)) {
     const bool only_cells = drawn == DrawnParts::cells;
     // One picture takes most cells once: what waits needs more room than they. Pictures that follow need them again.
@@ -30,8 +33,9 @@ PlayerMemory::Sizes PlayerMemory::sizes_of(std::uint64_t bytes, const format::Vo
   return sizes;
 }
 
-PlayerMemory::PlayerMemory(std::uint64_t bytes, const format::Volume& volume, bool has_steps, DrawnParts drawn)
-    : PlayerMemory(bytes, sizes_of(bytes, volume, has_steps, drawn)) {}
+PlayerMemory::PlayerMemory(std::uint64_t bytes, const format::Volume& volume, bool has_steps, DrawnParts drawn,
+                           bool has_streamlines)
+    : PlayerMemory(bytes, sizes_of(bytes, volume, has_steps, drawn, has_streamlines)) {}
 
 PlayerMemory::PlayerMemory(std::uint64_t bytes, const Sizes& sizes)
     : budget(bytes),
@@ -40,6 +44,7 @@ PlayerMemory::PlayerMemory(std::uint64_t bytes, const Sizes& sizes)
       next_cells(budget, sizes.next_cells),
       sweep(budget, sizes.sweep),
       patches(budget, sizes.patches),
+      streamlines(budget, sizes.streamlines),
       table(budget) {}
 
 }  // namespace splatvol

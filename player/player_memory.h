@@ -17,22 +17,24 @@ enum class DrawnParts { any, splats, cells };
 class PlayerMemory {
  public:
   /// The shares depend on what the file has, whether it is one of several steps, and on what is drawn of it.
-  PlayerMemory(std::uint64_t bytes, const format::Volume& volume, bool has_steps, DrawnParts drawn);
+  PlayerMemory(std::uint64_t bytes, const format::Volume& volume, bool has_steps, DrawnParts drawn,
+               bool has_streamlines);
 
   MemoryBudget budget;
-  MemoryShare splats;      // pages, rows and draw lists
-  MemoryShare cells;       // decoded cells, and parts that they are made of
-  MemoryShare next_cells;  // those of the next step of a series
-  MemoryShare sweep;       // what waits while cells are drawn
-  MemoryShare patches;     // of the boundary
+  MemoryShare splats;       // pages, rows and draw lists
+  MemoryShare cells;        // decoded cells, and parts that they are made of
+  MemoryShare next_cells;   // those of the next step of a series
+  MemoryShare sweep;        // what waits while cells are drawn
+  MemoryShare patches;      // of the boundary
+  MemoryShare streamlines;  // cells that streamlines wait for
   PartTable table;
 
  private:
   struct Sizes {
-    std::uint64_t splats = 0, cells = 0, next_cells = 0, sweep = 0, patches = 0;
+    std::uint64_t splats = 0, cells = 0, next_cells = 0, sweep = 0, patches = 0, streamlines = 0;
   };
   [[nodiscard]] static Sizes sizes_of(std::uint64_t bytes, const format::Volume& volume, bool has_steps,
-                                      DrawnParts drawn);
+                                      DrawnParts drawn, bool has_streamlines);
   PlayerMemory(std::uint64_t bytes, const Sizes& sizes);
 };
 

@@ -38,6 +38,7 @@ Session::~Session() {
   stop_drawing();
   movement_.holding_cells.end();
   change_.end();
+  streamlines_.end();
   fitting_.fitted.end();
 }
 
@@ -343,6 +344,18 @@ Status Session::take_change(Result<SessionFile> change, const Scene& without_cha
   return {};
 }
 
+// Passes tubes of streamlines on to the player. Returns whether some have come.
+bool Session::take_tubes() {
+  std::optional<Error> trouble;
+  auto tubes = streamlines_.take(trouble);
+  if (trouble && trouble->code != ErrorCode::cancelled) troubles_.add_once(trouble->message);
+  if (!tubes) return false;
+  streamline_counts_.clear();
+  for (const SceneTubes& one : *tubes) streamline_counts_.push_back({one.lines ? one.lines->size() : 0, one.seeds});
+  player_->set_tubes(*std::move(tubes));
+  return true;
+}
+
 // Passes changes on to the player. A change of the picture starts again from a coarse one.
 Status Session::apply() {
   SPLATVOL_TRY(read_change());
@@ -355,9 +368,11 @@ Status Session::apply() {
   Drawing drawing = settings.drawing;
   drawing.kernel = player_->options().drawing.kernel;  // until what another one needs is read
   SPLATVOL_TRY(player_->set_drawing(drawing));
+  streamlines_.follow(host_, *player_, drawn.streamlines);
+  const bool has_tubes = take_tubes();
   const SceneChange change = change_between(used_.scene, drawn);
-  const bool same = player_->options().memory == used_.settings.memory && drawing == used_.settings.drawing &&
-                    settings.quality == used_.settings.quality &&
+  const bool same = !has_tubes && player_->options().memory == used_.settings.memory &&
+                    drawing == used_.settings.drawing && settings.quality == used_.settings.quality &&
                     settings.most_exact_segments == used_.settings.most_exact_segments && !change.is_of_picture();
   used_.view = player_->view();
   used_.scene = std::move(drawn);
@@ -402,7 +417,8 @@ Status Session::draw_next(int width, int height, double seconds, bool is_busy) {
   SPLATVOL_TRY(make_view(scene));
   if (!awaited_.is_awaited) progress_.still_seconds += seconds;
   if (is_drawing()) {
-    const bool is_old = change_.step || change_between(used_.scene, scene_without_change()).is_of_picture();
+    const bool is_old =
+        change_.step || streamlines_.has_news() || change_between(used_.scene, scene_without_change()).is_of_picture();
     if (is_old && job_.work() != Work::moving) interrupt_drawing();
     SPLATVOL_TRY(end_drawing(is_busy));
     if (is_drawing()) return {};     // the picture stays

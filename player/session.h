@@ -28,6 +28,7 @@
 #include "player/screen_picture.h"
 #include "player/session_file.h"
 #include "player/session_host.h"
+#include "player/streamline_job.h"
 #include "player/troubles.h"
 #include "renderer/rasterizer.h"
 #include "scene/scene.h"
@@ -91,7 +92,19 @@ class Session {
   void cancel_reading();
 
   /// Returns whether another call without a change would draw the same.
-  [[nodiscard]] bool is_settled() const { return progress_.settled && !is_reading() && !change_.step && !is_fitting(); }
+  [[nodiscard]] bool is_settled() const {
+    return progress_.settled && !is_reading() && !change_.step && !is_fitting() && !is_following();
+  }
+
+  /// Whether a job follows streamlines of the scene. Tubes of those that are there are drawn.
+  [[nodiscard]] bool is_following() const { return streamlines_.is_begun(); }
+
+  /// A count of streamlines, and of seeds; seeds outside of the field have none.
+  struct StreamlineCount {
+    std::size_t lines = 0, seeds = 0;
+  };
+  /// Returns them for each of the scene's streamlines, as far as they are followed.
+  [[nodiscard]] const std::vector<StreamlineCount>& streamline_counts() const { return streamline_counts_; }
 
   /// Returns the transfer function that fits the attribute that is drawn, on the background of `scene`.
   [[nodiscard]] TransferFunction fitting_function() const;
@@ -306,6 +319,7 @@ class Session {
   void await_step();
   [[nodiscard]] Status apply();
   [[nodiscard]] Status read_change();
+  [[nodiscard]] bool take_tubes();
   void begin_fitting(std::function<Result<Scene>(const format::Volume&)> fit);
   void take_fitted();
   [[nodiscard]] Status take_change(Result<SessionFile> change, const Scene& without_change);
@@ -364,6 +378,8 @@ class Session {
   std::unique_ptr<Player> player_;
   SessionData data_;
   ChangeReader change_;
+  StreamlineJob streamlines_;
+  std::vector<StreamlineCount> streamline_counts_;
   std::optional<History<Scene>> history_;  // of the scene, without its size; none before a picture
   Troubles troubles_;
 

@@ -38,6 +38,7 @@ PlayerOptions player_options(const ViewSettings& settings) {
           .in_current_context = settings.in_current_context,
           .drawing = settings.drawing,
           .first_picture = settings.first_picture,
+          .takes_tubes = true,
           .read_surface = settings.read_surface};
 }
 

@@ -12,7 +12,10 @@
 
 namespace splatvol {
 
-bool Session::shows_surfaces() const { return std::ranges::any_of(used_.scene.surfaces, &SceneSurface::shown); }
+bool Session::shows_surfaces() const {
+  return std::ranges::any_of(used_.scene.surfaces, &SceneSurface::shown) ||
+         std::ranges::any_of(used_.scene.streamlines, &SceneStreamlines::shown);
+}
 
 // While steps play and the view stays, a picture may take most of the step's time, and as much to be finer.
 MotionLimits Session::moving_limits(bool is_busy) const {

@@ -62,6 +62,10 @@ BarColors bar_colors_of(const Scene& scene) {
       std::ranges::find_if(scene.surfaces, [](const SceneSurface& one) { return one.shown && one.color_by; });
   if (contours.surfaces.empty() && surface != scene.surfaces.end())
     return {surface->color_by->attribute, surface->color_by->function};
+  const auto tubes =
+      std::ranges::find_if(scene.streamlines, [](const SceneStreamlines& one) { return one.shown && one.color_by; });
+  if (contours.surfaces.empty() && tubes != scene.streamlines.end())
+    return {tubes->color_by->attribute, tubes->color_by->function};
   return {scene.attribute, scene.transfer_function};
 }
 

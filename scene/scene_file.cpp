@@ -3,8 +3,11 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <string_view>
+#include <variant>
 
 #include "base/file.h"
 #include "base/json.h"
@@ -276,6 +279,79 @@ Result<SceneContour> read_contour(const JsonField& field) {
   return contour;
 }
 
+constexpr int most_seeds = 1'000'000;  // along a line or a side, or on a patch
+
+Result<std::vector<dvec3>> corners(const JsonField& field, std::size_t count) {
+  if (field.size() != count) return field.wrong("not a list of {} positions", count);
+  return field.each(&vector);
+}
+
+Status read_number_of_seeds(const JsonField& field, std::size_t& count) {
+  if (!field.exists()) return {};
+  SPLATVOL_TRY_SET(count, whole(field, 1, most_seeds));
+  return {};
+}
+
+Result<Seeds> read_seeds(const JsonField& field) {
+  SPLATVOL_TRY(field.check_names({"positions", "line", "rectangle", "patch", "count", "counts"}));
+  const auto shapes = {"positions", "line", "rectangle", "patch"};
+  if (std::ranges::count_if(shapes, [&](const char* shape) { return field.has(shape); }) != 1)
+    return field.wrong("give one of \"positions\", \"line\", \"rectangle\" and \"patch\"");
+  if (field.has("counts") != field.has("rectangle") ||
+      (field.has("count") && !field.has("line") && !field.has("patch")))
+    return field.wrong("\"counts\" is for a rectangle, \"count\" for a line or a patch");
+  if (const JsonField positions = field.member("positions"); positions.exists()) {
+    if (positions.size() == 0) return positions.wrong("not a list of positions");
+    return positions.each(&vector).map([](std::vector<dvec3> all) { return Seeds(std::move(all)); });
+  }
+  if (field.has("line")) {
+    SPLATVOL_TRY_ASSIGN(ends, corners(field.member("line"), 2));
+    SeedLine line{ends[0], ends[1]};
+    SPLATVOL_TRY(read_number_of_seeds(field.member("count"), line.count));
+    return line;
+  }
+  if (field.has("patch")) {
+    SeedPatch patch;
+    SPLATVOL_TRY_SET(patch.patch, name(field.member("patch")));
+    SPLATVOL_TRY(read_number_of_seeds(field.member("count"), patch.count));
+    return patch;
+  }
+  SPLATVOL_TRY_ASSIGN(all, corners(field.member("rectangle"), 3));
+  SeedRectangle rectangle{all[0], all[1], all[2]};
+  const JsonField counts = field.member("counts");
+  if (counts.size() != 2) return counts.wrong("not a list of two numbers");
+  for (std::size_t side = 0; side < 2; ++side)
+    SPLATVOL_TRY(read_number_of_seeds(counts.element(side), rectangle.counts[side]));
+  return rectangle;
+}
+
+constexpr std::array<std::pair<std::string_view, StreamlineDirection>, 3> directions = {
+    {{"both", StreamlineDirection::both},
+     {"forward", StreamlineDirection::forward},
+     {"backward", StreamlineDirection::backward}}};
+
+Result<SceneStreamlines> read_streamlines(const JsonField& field) {
+  SPLATVOL_TRY(
+      field.check_names({"vector", "seeds", "direction", "length", "steps", "radius", "color", "color_by", "shown"}));
+  SceneStreamlines streamlines;
+  SPLATVOL_TRY_SET(streamlines.vector, name(field.member("vector")));
+  SPLATVOL_TRY_SET(streamlines.seeds, read_seeds(field.member("seeds")));
+  if (const JsonField direction = field.member("direction"); direction.exists()) {
+    SPLATVOL_TRY_ASSIGN(word, direction.text());
+    const auto found = std::ranges::find(directions, word, [](const auto& known) { return known.first; });
+    if (found == directions.end()) return direction.wrong("'{}' is none of both, forward and backward", word);
+    streamlines.direction = found->second;
+  }
+  if (field.has("length")) SPLATVOL_TRY_SET(streamlines.max_length, positive(field.member("length")));
+  if (field.has("steps"))
+    SPLATVOL_TRY_SET(streamlines.max_steps, whole(field.member("steps"), 1, std::numeric_limits<int>::max()));
+  SPLATVOL_TRY_SET(streamlines.radius, positive(field.member("radius")));
+  if (field.has("color")) SPLATVOL_TRY_SET(streamlines.color, color(field.member("color")));
+  if (field.has("color_by")) SPLATVOL_TRY_SET(streamlines.color_by, read_coloring(field.member("color_by")));
+  SPLATVOL_TRY(read_truth(field.member("shown"), streamlines.shown));
+  return streamlines;
+}
+
 Status read_plane(const JsonField& field, dvec3& point, dvec3& normal) {
   SPLATVOL_TRY_SET(point, vector(field.member("point")));
   SPLATVOL_TRY_SET(normal, vector(field.member("normal")));
@@ -339,11 +415,13 @@ Result<Box> read_clip_box(const JsonField& field) {
 
 Result<Scene> read_scene(const JsonField& field) {
   if (!field.is_object()) return fail(ErrorCode::invalid_data, "a scene is a JSON object");
-  SPLATVOL_TRY(field.check_names(
-      {"file",       "pieces",   "step",     "exact",    "max_error", "tolerance",   "kernel",     "splats",
-       "resolution", "sort",     "sampling", "camera",   "image",     "background",  "attribute",  "transfer_function",
-       "clip_box",   "lighting", "outline",  "surfaces", "slices",    "clip_planes", "scalar_bar", "opacity",
-       "contours"}));
+  SPLATVOL_TRY(field.check_names({"file",       "pieces",      "step",       "exact",
+                                  "max_error",  "tolerance",   "kernel",     "splats",
+                                  "resolution", "sort",        "sampling",   "camera",
+                                  "image",      "background",  "attribute",  "transfer_function",
+                                  "clip_box",   "lighting",    "outline",    "surfaces",
+                                  "slices",     "clip_planes", "scalar_bar", "opacity",
+                                  "contours",   "streamlines"}));
   Scene scene;
   SPLATVOL_TRY_SET(scene.camera, read_camera(field.member("camera")));
   SPLATVOL_TRY(read_size(field.member("image"), scene));
@@ -363,6 +441,8 @@ Result<Scene> read_scene(const JsonField& field) {
     SPLATVOL_TRY_SET(scene.contours, contours.each(&read_contour));
     SPLATVOL_TRY(check_contours(scene.contours));
   }
+  if (const JsonField streamlines = field.member("streamlines"); streamlines.exists())
+    SPLATVOL_TRY_SET(scene.streamlines, streamlines.each(&read_streamlines));
   SPLATVOL_TRY(read_planes(field.member("slices"), &read_slice, scene.slices));
   SPLATVOL_TRY(read_planes(field.member("clip_planes"), &read_clip_plane, scene.clip_planes));
   return scene;
@@ -487,6 +567,34 @@ nlohmann::ordered_json json_of(const SceneSurface& surface) {
   return document;
 }
 
+nlohmann::ordered_json json_of(const Seeds& seeds) {
+  const auto list_of = [](std::span<const dvec3> positions) {
+    auto list = nlohmann::ordered_json::array();
+    for (const dvec3& position : positions) list.push_back(json_of(position));
+    return list;
+  };
+  if (const auto* line = std::get_if<SeedLine>(&seeds))
+    return {{"line", list_of(std::array{line->start, line->end})}, {"count", line->count}};
+  if (const auto* rectangle = std::get_if<SeedRectangle>(&seeds))
+    return {{"rectangle", list_of(std::array{rectangle->corner, rectangle->first, rectangle->second})},
+            {"counts", rectangle->counts}};
+  if (const auto* patch = std::get_if<SeedPatch>(&seeds)) return {{"patch", patch->patch}, {"count", patch->count}};
+  return {{"positions", list_of(std::get<std::vector<dvec3>>(seeds))}};
+}
+
+nlohmann::ordered_json json_of(const SceneStreamlines& streamlines) {
+  nlohmann::ordered_json document = {{"vector", streamlines.vector}, {"seeds", json_of(streamlines.seeds)}};
+  document["direction"] =
+      std::ranges::find(directions, streamlines.direction, [](const auto& known) { return known.second; })->first;
+  if (streamlines.max_length) document["length"] = *streamlines.max_length;
+  document["steps"] = streamlines.max_steps;
+  document["radius"] = streamlines.radius;
+  document["color"] = json_of(streamlines.color);
+  if (streamlines.color_by) document["color_by"] = json_of(*streamlines.color_by);
+  document["shown"] = streamlines.shown;
+  return document;
+}
+
 nlohmann::ordered_json json_of(const SceneSlice& slice) {
   return {{"point", json_of(slice.point)},
           {"normal", json_of(slice.normal)},
@@ -582,6 +690,7 @@ std::string to_json(const UsedScene& used, int indent) {
     document["clip_box"] = {{"low", json_of(scene.clip_box->low)}, {"high", json_of(scene.clip_box->high)}};
   for (const SceneSurface& surface : scene.surfaces) document["surfaces"].push_back(json_of(surface));
   for (const SceneContour& contour : scene.contours) document["contours"].push_back(json_of(contour));
+  for (const SceneStreamlines& streamlines : scene.streamlines) document["streamlines"].push_back(json_of(streamlines));
   for (const SceneSlice& slice : scene.slices) document["slices"].push_back(json_of(slice));
   for (const SceneClipPlane& plane : scene.clip_planes) document["clip_planes"].push_back(json_of(plane));
   return text_of(document, indent);

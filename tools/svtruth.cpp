@@ -237,6 +237,8 @@ Status draw(const Options& options) {
   inputs.push_back(options.scene);
   SPLATVOL_TRY(check_outputs({options.output}, inputs));
   SPLATVOL_TRY_ASSIGN(scene, load_scene(options.scene, options.size));
+  if (std::ranges::any_of(scene.streamlines, &SceneStreamlines::shown))
+    return fail(ErrorCode::unsupported, "{}: svtruth draws no streamlines: leave \"streamlines\" out", options.scene);
   SPLATVOL_TRY_ASSIGN(reader_options, reader_options_of(options.reading, options.threads));
   SourceOptions source_options{
       .cells = cell_values_of(options.cells), .missing = options.missing, .displacements = !options.no_displacements};

@@ -10,6 +10,7 @@
 #include "splatvol/error.h"
 #include "splatvol/export.h"
 #include "splatvol/geometry.h"
+#include "splatvol/streamlines.h"
 #include "splatvol/transfer_function.h"
 
 namespace splatvol {
@@ -128,6 +129,21 @@ struct SceneContour {
   [[nodiscard]] bool operator==(const SceneContour&) const = default;
 };
 
+/// Tubes round streamlines (StreamlineRequest), in the mesh's own cells. They are opaque, and lit as surfaces are.
+struct SceneStreamlines {
+  std::string vector;
+  Seeds seeds = SeedLine{};
+  StreamlineDirection direction = StreamlineDirection::both;
+  std::optional<double> max_length = {};
+  std::size_t max_steps = 10'000;
+  double radius = 1;                           // of the tubes, in world units, > 0
+  dvec3 color{0.8};                            // linear
+  std::optional<SceneColoring> color_by = {};  // instead of `color`: the values of the cells on the lines
+  bool shown = true;
+
+  [[nodiscard]] bool operator==(const SceneStreamlines&) const = default;
+};
+
 struct Scene {
   [[nodiscard]] bool operator==(const Scene&) const = default;
 
@@ -146,6 +162,7 @@ struct Scene {
   std::vector<SceneClipPlane> clip_planes = {};
   std::optional<SceneOpacity> opacity = {};
   std::vector<SceneContour> contours = {};
+  std::vector<SceneStreamlines> streamlines = {};
 };
 
 /// Reads a scene from JSON text. The error names the field that is missing or out of range.

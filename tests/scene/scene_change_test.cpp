@@ -26,6 +26,7 @@ TEST(SceneChange, EachMemberChangesOneThing) {
       {&SceneChange::parts, [](Scene& scene) { scene.surfaces.emplace_back(); }},
       {&SceneChange::parts, [](Scene& scene) { scene.surfaces[0].near_side = NearSide::hidden; }},
       {&SceneChange::parts, [](Scene& scene) { scene.contours.emplace_back(); }},
+      {&SceneChange::parts, [](Scene& scene) { scene.streamlines.emplace_back(); }},
       {&SceneChange::data, [](Scene& scene) { scene.attribute = "other"; }},
       {&SceneChange::frame, [](Scene& scene) { scene.background.r = 1; }},
       {&SceneChange::frame, [](Scene& scene) { scene.outline = !scene.outline; }},

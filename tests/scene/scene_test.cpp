@@ -163,6 +163,58 @@ TEST(ParseScene, ContoursAreReadAndWrittenBack) {
   EXPECT_EQ(shown.colors.axis, ValueAxis::log);
 }
 
+TEST(ParseScene, StreamlinesAreReadAndWrittenBack) {
+  const json coloring = {{"attribute", "T"}, {"domain", {1, 100}}, {"colors", {{0, 0, 0, 1}}}};
+  const json streamlines = {
+      {{"vector", "U"}, {"seeds", {{"line", {{0, 0, 0}, {1, 0, 0}}}}}, {"radius", 0.5}},
+      {{"vector", "U"},
+       {"seeds", {{"rectangle", {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}}, {"counts", {3, 4}}}},
+       {"direction", "backward"},
+       {"length", 2},
+       {"steps", 7},
+       {"radius", 1},
+       {"color", {1, 0, 0}}},
+      {{"vector", "V"}, {"seeds", {{"patch", "in*"}, {"count", 9}}}, {"radius", 1}, {"color_by", coloring}},
+      {{"vector", "V"}, {"seeds", {{"positions", {{1, 2, 3}}}}}, {"radius", 1}, {"shown", false}}};
+  const auto scene = value_of(parse_scene(changed("/streamlines", streamlines)));
+  ASSERT_EQ(scene.streamlines.size(), 4U);
+  EXPECT_EQ(scene.streamlines[0],
+            (SceneStreamlines{.vector = "U", .seeds = SeedLine{dvec3(0), dvec3(1, 0, 0), 20}, .radius = 0.5}));
+  EXPECT_EQ(scene.streamlines[1],
+            (SceneStreamlines{.vector = "U",
+                              .seeds = SeedRectangle{dvec3(0), dvec3(1, 0, 0), dvec3(0, 1, 0), {3, 4}},
+                              .direction = StreamlineDirection::backward,
+                              .max_length = 2,
+                              .max_steps = 7,
+                              .color = {1, 0, 0}}));
+  EXPECT_EQ(scene.streamlines[2].seeds, Seeds(SeedPatch{"in*", 9}));
+  EXPECT_EQ(scene.streamlines[2].color_by->attribute, "T");
+  EXPECT_EQ(scene.streamlines[3].seeds, Seeds(std::vector{dvec3(1, 2, 3)}));
+  EXPECT_FALSE(scene.streamlines[3].shown);
+  EXPECT_EQ(parse_scene(scene_to_json(scene)).value(), scene);
+}
+
+TEST(ParseScene, NamesTheWrongPartOfStreamlines) {
+  const auto refuses = [](const std::string& part, const json& value, const std::string& message) {
+    json streamlines = {{"vector", "U"}, {"seeds", {{"line", {{0, 0, 0}, {1, 0, 0}}}}}, {"radius", 1}};
+    streamlines[json::json_pointer(part)] = value;
+    EXPECT_THAT(error_of(changed("/streamlines", {streamlines})), StartsWith("streamlines[0]" + message));
+  };
+  refuses("/radius", 0, ".radius: not above 0");
+  refuses("/vector", "", ".vector: empty");
+  refuses("/direction", "up", ".direction: 'up' is none of");
+  refuses("/length", -1, ".length: not above 0");
+  refuses("/steps", 0.5, ".steps: not a whole number");
+  refuses("/seed", 1, ".seed: no such field");
+  refuses("/seeds", json::object(), ".seeds: give one of");
+  refuses("/seeds/patch", "a", ".seeds: give one of");
+  refuses("/seeds/line", {{0, 0, 0}}, ".seeds.line: not a list of 2 positions");
+  refuses("/seeds/count", 0, ".seeds.count: not a whole number from 1");
+  refuses("/seeds/counts", {1, 1}, ".seeds: \"counts\" is for");
+  refuses("/seeds", {{"rectangle", {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}}, {"counts", {1}}}, ".seeds.counts: not a list");
+  refuses("/seeds", {{"positions", json::array()}}, ".seeds.positions: not a list");
+}
+
 // The scalar bar of a picture of contours alone tells what colours them.
 TEST(BarColors, AreThoseOfContoursThatAreShownAlone) {
   const json coloring = {{"attribute", "T"}, {"domain", {1, 100}}, {"colors", {{0, 0, 0, 1}}}};

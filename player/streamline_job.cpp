@@ -1,0 +1,42 @@
+#include "player/streamline_job.h"
+
+#include <utility>
+
+namespace splatvol {
+
+void StreamlineJob::follow(SessionHost& host, const Player& player, const std::vector<SceneStreamlines>& streamlines) {
+  constexpr double patience = 0.1;  // seconds
+  const StreamlineFile file = player.streamline_file();
+  Asked asked{streamlines, file.memory, file.volume ? file.volume->step_key() : 0};
+  const bool has_some = !streamlines.empty() || !asked_.streamlines.empty();
+  if (!file.volume || asked == asked_ || !has_some) return;
+  if (is_begun() && host.now() - begun_ < patience) return;
+  end();
+  asked_ = std::move(asked);
+  begun_ = host.now();
+  news_ = std::make_shared<News>();
+  task_ = {host, [file, streamlines, before = player.tubes(), news = news_] {
+             return read_scene_streamlines(streamlines, file, before, [&](std::vector<SceneTubes> tubes) {
+               const std::scoped_lock lock(news->mutex);
+               news->tubes = std::move(tubes);
+             });
+           }};
+}
+
+bool StreamlineJob::has_news() const {
+  const std::scoped_lock lock(news_->mutex);
+  return news_->tubes.has_value() || (is_begun() && task_.wait());
+}
+
+std::optional<std::vector<SceneTubes>> StreamlineJob::take(std::optional<Error>& trouble) {
+  if (is_begun() && task_.wait()) {
+    auto tubes = task_.take();
+    if (tubes) return *std::move(tubes);
+    trouble = tubes.error();
+    return std::vector<SceneTubes>();
+  }
+  const std::scoped_lock lock(news_->mutex);
+  return std::exchange(news_->tubes, std::nullopt);
+}
+
+}  // namespace splatvol

@@ -1,0 +1,29 @@
+// Tubes round lines, as triangles.
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "base/math.h"
+#include "base/triangle_mesh.h"
+
+namespace splatvol {
+
+/// Triangles with a value at each point; none without values of lines.
+struct TubeMesh {
+  TriangleMesh mesh;
+  std::vector<double> values;  // [point of the mesh]
+};
+
+/// Returns the rows that are left of a line: the first and the last, and so many that no other row is farther than
+/// `distance` from the line through those that are left, nor its value farther than `difference` from theirs between.
+/// `values`: one for each row, or none.
+[[nodiscard]] std::vector<std::size_t> thinned(std::span<const dvec3> positions, std::span<const double> values,
+                                               double distance, double difference);
+
+/// Adds a closed tube round some rows of a line. Fails without room: a mesh has fewer than 2^32 points.
+[[nodiscard]] Status add_tube(std::span<const dvec3> positions, std::span<const double> values,
+                              std::span<const std::size_t> rows, double radius, TubeMesh& tubes);
+
+}  // namespace splatvol
