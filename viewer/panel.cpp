@@ -60,6 +60,7 @@ void Panel::begin() {
   measure.begin();
   planes.reset();
   surfaces_ = {};
+  streamlines.reset();
 }
 
 void Panel::end() {
@@ -151,6 +152,7 @@ std::optional<std::string> Panel::draw_sections() {
   if (ImGui::CollapsingHeader("contours")) contours.draw();
   if (ImGui::CollapsingHeader("line")) line.draw();
   if (ImGui::CollapsingHeader("measure")) measure.draw();
+  if (ImGui::CollapsingHeader("streamlines")) streamlines.draw_panel(session);
   return file;
 }
 

@@ -14,6 +14,7 @@
 #include "viewer/save_section.h"
 #include "viewer/slice_controls.h"
 #include "viewer/state.h"
+#include "viewer/streamline_controls.h"
 #include "viewer/surface_section.h"
 #include "viewer/transfer_editor.h"
 #include "viewer/view_section.h"
@@ -68,6 +69,7 @@ class Panel {
   ContourSection contours;
   MeasureSection measure;
   SliceControls planes;
+  StreamlineControls streamlines;
 
  private:
   void draw_history_buttons();

@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "pictures/ticks.h"
+#include "viewer/projection.h"
 #include "viewer/window/gui_units.h"
 
 namespace splatvol {
@@ -15,32 +16,6 @@ namespace {
 
 constexpr float handle_radius = 7, grip = 11, arrow_length = 70;  // window units, at scale 1
 constexpr std::size_t most_planes = 64;                           // of each kind, as in a scene file
-constexpr double nearest_share = 1e-6;                            // of the distance; a point nearer than this is behind
-
-// From world coordinates to the window.
-class Projection {
- public:
-  Projection(const View& view, const PictureArea& area) : view_(view), area_(area) {}
-
-  [[nodiscard]] std::optional<ImVec2> at(const dvec3& position) const {
-    const dvec3 p = view_.to_view(position);
-    if (!view_.orthographic && !(p.z > nearest_share * glm::length(p))) return {};
-    const double f = view_.focal / (view_.orthographic ? 1 : p.z), limit = 1e5;
-    return ImVec2(
-        static_cast<float>(area_.left + area_.unit_x * std::clamp(0.5 * view_.width + f * p.x, -limit, limit)),
-        static_cast<float>(area_.unit_y * std::clamp(0.5 * view_.height - f * p.y, -limit, limit)));
-  }
-
-  /// Returns the world units of a window unit, at the depth of a position.
-  [[nodiscard]] double world_per_unit(const dvec3& position) const {
-    const double depth = view_.orthographic ? 1 : std::max(view_.to_view(position).z, 1e-300);
-    return depth / (view_.focal * area_.unit_x);
-  }
-
- private:
-  const View& view_;
-  const PictureArea& area_;
-};
 
 // The end of the arrow along a plane's normal.
 dvec3 tip_of(const Plane& plane, const Projection& projection) {

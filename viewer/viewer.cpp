@@ -271,23 +271,26 @@ void Viewer::handle(const Event& event) {
   const PictureArea area = state_.picture_area();
   const SteeredPicture picture{area.left, {area.width, area.height}, state_.window.content_scale};
   SliceControls& planes = panel_.planes;
+  StreamlineControls& seeds = panel_.streamlines;
   const auto* key_event = std::get_if<KeyChanged>(&event);
   const bool closes_dialog = key_event && key_event->code == key::escape && dialog_.is_open();  // while it takes text
   bool is_taken = key_event ? gui_->has_keyboard() && !closes_dialog : gui_->has_pointer();
   const auto* button = std::get_if<ButtonChanged>(&event);
   if (button && button->button == 0 && button->down && !is_taken && !state_.steering.is_dragging() && session &&
       session->shown_number() > 0)
-    is_taken = planes.grab(session->scene, session->view(), area, state_.steering.pointer());
+    is_taken = seeds.grab(session->scene, session->view(), area, state_.steering.pointer()) ||
+               planes.grab(session->scene, session->view(), area, state_.steering.pointer());
   if (const auto* moved = std::get_if<PointerMoved>(&event)) {
-    is_taken = planes.is_held();
-    if (session && is_taken)
-      planes.drag(session->scene, session->view(), area, dvec2(moved->x, moved->y) - state_.steering.pointer());
+    is_taken = planes.is_held() || seeds.is_held();
+    const dvec2 way = dvec2(moved->x, moved->y) - state_.steering.pointer();
+    if (session && planes.is_held()) planes.drag(session->scene, session->view(), area, way);
+    if (session && seeds.is_held()) seeds.drag(session->scene, session->view(), area, way);
   }
   const Steering::Effect effect = state_.steering.handle(event, session, picture, taken(is_taken));
   if (effect.moves_camera) panel_.path.stop();
   if (effect.clicked) click(*effect.clicked);
   if (effect.pressed) press_key(*effect.pressed);
-  if (button && button->button == 0 && !button->down) planes.release();
+  if (button && button->button == 0 && !button->down) planes.release(), seeds.release();
   note_beginnings();
 }
 
@@ -525,6 +528,7 @@ void Viewer::draw_overlays() {
   if (session->scene.outline && !picture_.encoded) draw_box(view, session->bounds(), {150, 150, 150}, area);
   if (session->scene.clip_box) draw_box(view, *session->scene.clip_box, {255, 210, 80}, area);
   panel_.planes.draw_handles(session->scene, view, session->bounds(), area, state_.steering.pointer());
+  panel_.streamlines.draw_handles(session->scene, view, area);
   if (shown.axes) draw_axes(view, area);
   if (shown.scalar_bar)
     draw_scalar_bar(bar_colors_of(session->drawn_scene()).function, session->bar_attribute(),
@@ -532,7 +536,8 @@ void Viewer::draw_overlays() {
   if (const std::string reason = session->explain(); !reason.empty()) draw_message(reason, area);
   canvas.PopClipRect();
   if (shown.hud) hud_bottom_ = draw_hud(state_, frame_seconds_);
-  const bool is_at_rest = !state_.steering.is_dragging() && !panel_.planes.is_held() && !is_busy();
+  const bool is_at_rest =
+      !state_.steering.is_dragging() && !panel_.planes.is_held() && !panel_.streamlines.is_held() && !is_busy();
   if (const auto ends = pins_.take_ends()) panel_.line.show(*ends);
   if (shown.values) pins_.draw(is_at_rest, !gui_->has_pointer(), !panel_.line.is_shown());
   panel_.line.draw_line(is_at_rest, !gui_->has_pointer());
