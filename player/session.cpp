@@ -519,9 +519,10 @@ Result<Image> Session::page(const Page& page, const PageText& text, bool transpa
   return compose_page(page, std::move(image), text, bar_colors_of(used_.scene).function, ink, transparent);
 }
 
-// Contours may show where the volume does not.
+// Contours and streamlines may show where the volume does not.
 std::string Session::explain() const {
-  if ((!frame() && !exact()) || !contours_of(used_.scene).surfaces.empty()) return {};
+  const bool has_tubes = std::ranges::any_of(used_.scene.streamlines, &SceneStreamlines::shown);
+  if ((!frame() && !exact()) || has_tubes || !contours_of(used_.scene).surfaces.empty()) return {};
   const auto sentence = [](const EmptyReason& why, const std::string& remedy) {
     std::string text = fmt::format("{}: {}.", why.reason, remedy);
     text[0] = static_cast<char>(std::toupper(static_cast<unsigned char>(text[0])));

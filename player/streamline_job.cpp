@@ -15,12 +15,14 @@ void StreamlineJob::follow(SessionHost& host, const Player& player, const std::v
   asked_ = std::move(asked);
   begun_ = host.now();
   news_ = std::make_shared<News>();
-  task_ = {host, [file, streamlines, before = player.tubes(), news = news_] {
+  task_ = {host,
+           [file, streamlines, before = player.tubes(), news = news_] {
              return read_scene_streamlines(streamlines, file, before, [&](std::vector<SceneTubes> tubes) {
                const std::scoped_lock lock(news->mutex);
                news->tubes = std::move(tubes);
              });
-           }};
+           },
+           SessionHost::Priority::low};
 }
 
 bool StreamlineJob::has_news() const {

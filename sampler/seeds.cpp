@@ -14,6 +14,20 @@
 namespace splatvol {
 namespace {
 
+constexpr double most_seeds = 1e6;  // at once
+
+double count_of(const Seeds& seeds) {
+  const auto count = [](const auto& shape) -> double {
+    if constexpr (requires { shape.counts; })
+      return static_cast<double>(shape.counts[0]) * static_cast<double>(shape.counts[1]);
+    else if constexpr (requires { shape.count; })
+      return static_cast<double>(shape.count);
+    else
+      return static_cast<double>(shape.size());
+  };
+  return std::visit(count, seeds);
+}
+
 // The share of the way of a seed, of so many.
 double share_of(std::size_t number, std::size_t count) {
   return count == 1 ? 0.5 : static_cast<double>(number) / static_cast<double>(count - 1);
@@ -79,6 +93,9 @@ std::vector<dvec3> positions_on(const Seeds& seeds) {
 }
 
 Result<std::vector<dvec3>> positions_of(const Seeds& seeds, const format::Volume& volume) {
+  if (const double count = count_of(seeds); count > most_seeds)
+    return fail(ErrorCode::invalid_argument, "{}: {} seeds; at most {} are followed at once", volume.name(), count,
+                most_seeds);
   const auto* line = std::get_if<SeedLine>(&seeds);
   if (line && line->start == line->end)
     return fail(ErrorCode::invalid_argument, "{}: the line of seeds has no length", volume.name());

@@ -20,6 +20,7 @@ namespace {
 
 constexpr float handle_radius = 7, grip = 11, seed_radius = 2;  // window units, at scale 1
 constexpr std::size_t most_seeds_drawn = 1000;
+constexpr int most_on_a_side = 1000;
 constexpr double usual_radius = 1.0 / 400;  // of the diagonal of the mesh's box
 
 // Why the file can have no streamlines; empty: it can.
@@ -83,8 +84,8 @@ std::optional<std::size_t> choose(const char* label, const std::string& shown, c
 
 void draw_count(const char* label, std::size_t& count) {
   int shown = static_cast<int>(count);
-  if (ImGui::SliderInt(label, &shown, 1, 1000, "%d", ImGuiSliderFlags_Logarithmic))
-    count = static_cast<std::size_t>(std::clamp(shown, 1, 1'000'000));
+  if (ImGui::SliderInt(label, &shown, 1, most_on_a_side, "%d", ImGuiSliderFlags_Logarithmic))
+    count = static_cast<std::size_t>(std::clamp(shown, 1, most_on_a_side));
   hint("Control click: type a number.");
 }
 
@@ -228,9 +229,10 @@ void StreamlineControls::draw_handles(const Scene& scene, const View& view, cons
     canvas.AddLine(*from, *to, dark, 4 * unit);
     canvas.AddLine(*from, *to, color, 2 * unit);
   }
-  const std::vector<dvec3> positions = positions_on(seeds);
-  for (std::size_t i = 0; i < std::min(positions.size(), most_seeds_drawn); ++i)
-    if (const auto at = projection.at(positions[i])) canvas.AddCircleFilled(*at, seed_radius * unit, white);
+  const auto* rectangle = std::get_if<SeedRectangle>(&seeds);
+  if (!rectangle || rectangle->counts[0] * rectangle->counts[1] <= most_seeds_drawn)
+    for (const dvec3& seed : positions_on(seeds))
+      if (const auto at = projection.at(seed)) canvas.AddCircleFilled(*at, seed_radius * unit, white);
   const std::vector<dvec3> handles = handles_of(seeds);
   for (std::size_t i = 0; i < handles.size(); ++i) {
     const auto at = projection.at(handles[i]);

@@ -51,4 +51,4 @@ set_target_properties(OpenVDB::openvdb PROPERTIES
 # VTK 9.1's package asks for MPI's targets without finding them itself.
 find_package(MPI QUIET)
 find_package(VTK 9.1 REQUIRED COMPONENTS CommonCore CommonDataModel CommonExecutionModel IOXML IOLegacy IOParallel IOXMLParser IOCore
-  IOExodus IOEnSight IOGeometry IOPLY IOCGNSReader FiltersCore exodusII cgns)
+  IOExodus IOEnSight IOGeometry IOPLY IOCGNSReader FiltersCore FiltersFlowPaths exodusII cgns)

@@ -170,6 +170,30 @@ TEST_F(OpenFile, IntegratesOverTheCells) {
   EXPECT_THAT(message_of(open().integrate({.attributes = {"w"}})), HasSubstr("no attribute \"w\""));
 }
 
+TEST_F(OpenFile, FollowsStreamlines) {
+  MeshArrays mesh = lattice_.mesh();
+  std::vector<double> vectors;
+  for (std::size_t i = 0; i < lattice_.values.size(); ++i) vectors.insert(vectors.end(), {0, 2, 0});
+  mesh.point_values.push_back({.name = "U", .values = std::span<const double>(vectors), .components = 3});
+  ASSERT_EQ(message_of(build(mesh, path_, {.exact = true})), "");
+  const Streamlines found =
+      open()
+          .streamlines({.vector = "U", .seeds = SeedLine{dvec3(0.5), {0.5, 0.5, 2}, 2}, .attributes = {"v", "U"}})
+          .value();
+  EXPECT_EQ(found.names, (std::vector<std::string>{"v", "U"}));
+  ASSERT_EQ(found.lines.size(), 2);
+  const Streamline& line = found.lines[0];
+  EXPECT_EQ(name_of(line.begin), "mesh");
+  EXPECT_NEAR(line.positions.front().y, 0, 1e-9);
+  EXPECT_NEAR(line.times.front(), -0.25, 1e-9);
+  EXPECT_NEAR(line.times.back(), 0.25, 1e-9);
+  EXPECT_NEAR(line.values[0].back(), Lattice::field(0.5, 1, 0.5), 1e-6);
+  EXPECT_EQ(line.values[1].back(), 2);
+  EXPECT_TRUE(found.lines[1].positions.empty());
+  EXPECT_THAT(message_of(open().streamlines({.vector = "v", .seeds = SeedLine{dvec3(0), dvec3(1)}})),
+              HasSubstr("vectors: U"));
+}
+
 TEST_F(OpenFile, TellsWhatIsNotThere) {
   const File file = open();
   EXPECT_THAT(file.points({.resolution = 99}).error().message, HasSubstr("no resolution 99"));

@@ -6,23 +6,13 @@
 #include <cmath>
 
 #include "player/scene_streamlines.h"
-#include "tests/builder/support/piece_source.h"
+#include "tests/player/moving_cube.h"
 #include "tests/player/session_fixture.h"
 
 namespace splatvol::test {
 namespace {
 
 using testing::HasSubstr;
-
-// Writes a cube in which all moves along x, with the attributes U[0], U[1], U[2] and speed.
-void write_moving(const std::string& path) {
-  const Mesh mesh = lattice(8);
-  Piece piece = mesh_piece(mesh, [](dvec3 p) { return 1 + p.x; });
-  for (int axis = 0; axis < 2; ++axis) piece.values.push_back(mesh_piece(mesh, [](dvec3) { return 0.0; }).values[0]);
-  piece.values.push_back(mesh_piece(mesh, [](dvec3 p) { return 1 + p.x; }).values[0]);
-  PieceSource source({piece}, {.attributes = {"U[0]", "U[1]", "U[2]", "speed"}});
-  require(build_volume(source, path, {.keep_cells = true}, [](const char*, double) {}));
-}
 
 SceneStreamlines some() {
   return {.vector = "U", .seeds = SeedLine{{0.5, 0.2, 0.5}, {0.5, 0.8, 0.5}, 3}, .radius = 0.05, .color = {1, 0, 0}};

@@ -248,6 +248,8 @@ TEST_F(StreamlinesOfCells, BadRequestsAreRefused) {
   EXPECT_THAT(message_of(try_to({.vector = "v", .seeds = SeedLine{dvec3(1), dvec3(1)}})), HasSubstr("no length"));
   EXPECT_THAT(message_of(try_to({.vector = "v", .seeds = SeedRectangle{dvec3(0), dvec3(1), dvec3(2)}})),
               HasSubstr("no area"));
+  EXPECT_THAT(message_of(try_to({.vector = "v", .seeds = SeedLine{dvec3(0), dvec3(1), 2'000'000}})),
+              HasSubstr("2000000 seeds; at most 1000000"));
   EXPECT_THAT(message_of(try_to({.vector = "v", .seeds = SeedPatch{"inlet"}})), HasSubstr("svbuild --boundary"));
   EXPECT_THAT(message_of(try_to({.vector = "v", .seeds = seeds, .max_length = -1})), HasSubstr("no length"));
   EXPECT_THAT(message_of(try_to({.vector = "v", .seeds = seeds, .max_steps = 0})), HasSubstr("steps"));

@@ -178,6 +178,10 @@ TEST_F(Svexport, WritesStreamlines) {
   expect_refusal("svexport cube.svol -o out.vtp --streamlines V --seeds 0,0,0", "vectors: U");
   expect_refusal("svexport cube.svol -o out.vtp --streamlines U --seeds 7,0,0", "no seed has a streamline");
   expect_refusal("svexport cube.svol -o out.vtp --streamlines U --seeds inlet:5", "svbuild --boundary");
+  expect_done("svbuild cube.vtk --exact --boundary -o walls.svol");
+  const auto walls =
+      document_of(ProgramTest::run("svexport walls.svol -o out.vtp --streamlines U --seeds \"*:24\" --json"));
+  EXPECT_EQ(walls["lines"], 24) << "from all sides of the cube";
   expect_refusal("svexport in.svol -o out.vtp --streamlines U --seeds 0,0,0", "is no vector");
 }
 

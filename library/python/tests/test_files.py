@@ -70,6 +70,21 @@ def test_a_line_has_all_crossings(ball_file):
         ball_file.sample_line((0, 0, 0), (0, 0, 0))
 
 
+def test_streamlines_turn(ball_file):
+    seeds = [(.5, 0, .1), (3, 0, 0)]
+    turn, outside = ball_file.streamlines("U", seeds, direction="forward", max_length=np.pi)
+    assert turn.begin == "seed" and turn.end == "length" and turn.times[-1] == pytest.approx(2 * np.pi, rel=1e-3)
+    np.testing.assert_allclose(turn.positions[-1], seeds[0], atol=1e-3)
+    np.testing.assert_allclose(turn.values["T"], linear(turn.positions), atol=1e-6)
+    assert len(outside.positions) == 0 and outside.end == "mesh"
+    assert len(ball_file.streamlines("U", seeds, max_steps=3, attributes="T")[0].times) == 7
+    for wrong, match in [({"seeds": seeds, "direction": "up"}, "none of both"), ({}, "give one of both"),
+                         ({"seeds": [1, 2]}, "shape"), ({"patch": "inlet"}, "--boundary"),
+                         ({"seeds": [(9, 9, 9)]}, "no seed")]:
+        with pytest.raises(splatvol.InvalidArgumentError, match=match):
+            ball_file.streamlines("U", **wrong)
+
+
 def test_integrals_are_exact(tmp_path):
     corners = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
     cube = [(0, 1, 3, 7), (0, 3, 2, 7), (0, 2, 6, 7), (0, 6, 4, 7), (0, 4, 5, 7), (0, 5, 1, 7)]
