@@ -198,7 +198,7 @@ TEST(ParseScene, NamesTheWrongPartOfStreamlines) {
   const auto refuses = [](const std::string& part, const json& value, const std::string& message) {
     json streamlines = {{"vector", "U"}, {"seeds", {{"line", {{0, 0, 0}, {1, 0, 0}}}}}, {"radius", 1}};
     streamlines[json::json_pointer(part)] = value;
-    EXPECT_THAT(error_of(changed("/streamlines", {streamlines})), StartsWith("streamlines[0]" + message));
+    EXPECT_THAT(error_of(changed("/streamlines", json::array({streamlines}))), StartsWith("streamlines[0]" + message));
   };
   refuses("/radius", 0, ".radius: not above 0");
   refuses("/vector", "", ".vector: empty");
