@@ -41,13 +41,25 @@ dvec3 direction_of(const dvec3& from, const dvec3& to) {
   return length > 0 ? (to - from) / length : dvec3(0);
 }
 
-// The mean of the directions before and after a row.
-dvec3 tangent_at(std::span<const dvec3> positions, std::span<const std::size_t> rows, std::size_t i) {
-  const dvec3& at = positions[rows[i]];
-  const dvec3 before = i > 0 ? direction_of(positions[rows[i - 1]], at) : dvec3(0);
-  const dvec3 after = i + 1 < rows.size() ? direction_of(at, positions[rows[i + 1]]) : dvec3(0);
-  const dvec3 sum = before + after;
-  return squared_length(sum) > 0 ? glm::normalize(sum) : after;
+// A ring of points round a row.
+struct Ring {
+  std::size_t row;
+  dvec3 tangent;
+};
+
+// Rings lie across the mean of the directions before and after them. A sharp bend has two, so that no part gets flat.
+std::vector<Ring> rings_of(std::span<const dvec3> positions, std::span<const std::size_t> rows) {
+  constexpr double sharp = 0.5;  // cosine of the angle
+  std::vector<Ring> rings;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const dvec3& at = positions[rows[i]];
+    const dvec3 after = i + 1 < rows.size() ? direction_of(at, positions[rows[i + 1]]) : rings.back().tangent;
+    const dvec3 before = i > 0 ? direction_of(positions[rows[i - 1]], at) : after;
+    if (i + 1 == rows.size() || glm::dot(before, after) < sharp) rings.push_back({rows[i], before});
+    if (i + 1 == rows.size()) break;
+    rings.push_back({rows[i], glm::dot(before, after) < sharp ? after : glm::normalize(before + after)});
+  }
+  return rings;
 }
 
 // Closes an end.
@@ -86,21 +98,21 @@ std::vector<std::size_t> thinned(std::span<const dvec3> positions, std::span<con
 Status add_tube(std::span<const dvec3> positions, std::span<const double> values, std::span<const std::size_t> rows,
                 double radius, TubeMesh& tubes) {
   auto& [points, triangles, open_end] = tubes.mesh;
-  if (points.size() + sides * rows.size() >= std::numeric_limits<std::uint32_t>::max())
+  const std::vector<Ring> rings = rings_of(positions, rows);
+  if (points.size() + sides * rings.size() >= std::numeric_limits<std::uint32_t>::max())
     return fail(ErrorCode::unsupported, "streamlines: their tubes have 2^32 points or more: take fewer seeds");
   const auto begin = static_cast<std::uint32_t>(points.size());
   dvec3 side(0);
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    const dvec3 tangent = tangent_at(positions, rows, i);
+  for (const auto& [row, tangent] : rings) {
     side -= glm::dot(side, tangent) * tangent;  // the ring turns as little as it can
     side = squared_length(side) > 1e-12 ? glm::normalize(side) : across(tangent);
     const dvec3 other = glm::cross(tangent, side);
     const auto ring = static_cast<std::uint32_t>(points.size());
     for (std::uint32_t k = 0; k < sides; ++k) {
       const double angle = 2 * std::numbers::pi * k / sides;
-      points.push_back(positions[rows[i]] + radius * (std::cos(angle) * side + std::sin(angle) * other));
-      if (!values.empty()) tubes.values.push_back(values[rows[i]]);
-      if (i == 0) continue;
+      points.push_back(positions[row] + radius * (std::cos(angle) * side + std::sin(angle) * other));
+      if (!values.empty()) tubes.values.push_back(values[row]);
+      if (ring == begin) continue;
       const std::uint32_t next = (k + 1) % sides, last = ring - sides;
       triangles.push_back({last + k, last + next, ring + k});
       triangles.push_back({last + next, ring + next, ring + k});

@@ -16,9 +16,9 @@ struct TubeMesh {
   std::vector<double> values;  // [point of the mesh]
 };
 
-/// Returns the rows that are left of a line: the first and the last, and so many that no other row is farther than
-/// `distance` from the line through those that are left, nor its value farther than `difference` from theirs between.
-/// `values`: one for each row, or none.
+/// Returns the rows that are left of a line: the first, the last, and enough between them. No other row is farther than
+/// `distance` from the line through these, and no value by more than `difference` from that between theirs. `values`:
+/// one for each row, or none.
 [[nodiscard]] std::vector<std::size_t> thinned(std::span<const dvec3> positions, std::span<const double> values,
                                                double distance, double difference);
 

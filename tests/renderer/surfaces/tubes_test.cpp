@@ -78,5 +78,16 @@ TEST(Tubes, AreClosedAndRoundTheirLine) {
   EXPECT_NEAR(std::abs(volume), 2 * length * disc, 0.02 * length * disc);
 }
 
+// Also where a line turns back: each part is as wide as the tube.
+TEST(Tubes, AreNeverFlat) {
+  const std::vector<dvec3> positions = {{0, 0, 0}, {1, 0, 0}, {0, 0.01, 0}};
+  TubeMesh tubes;
+  ASSERT_TRUE(add_tube(positions, {}, std::vector<std::size_t>{0, 1, 2}, 0.1, tubes));
+  for (const dvec3& p : tubes.mesh.points) {
+    const double radius = std::hypot(p.y, p.z);
+    EXPECT_NEAR(radius, 0.1, 0.011);
+  }
+}
+
 }  // namespace
 }  // namespace splatvol
