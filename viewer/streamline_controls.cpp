@@ -30,14 +30,27 @@ std::string why_none(const Session& session) {
   return {};
 }
 
-// A line through the middle, along the longest side of the mesh.
+// The axis along which a vector points most, by the ranges of its components.
+int axis_of(const std::string& vector, const format::VolumeInfo& info) {
+  dvec3 sum(0);
+  for (int axis = 0; axis < 3; ++axis) {
+    const int number = info.find_attribute(fmt::format("{}[{}]", vector, axis));
+    const format::Attribute& component = info.attributes[static_cast<std::size_t>(number)];
+    sum[axis] = std::abs(component.min + component.max);
+  }
+  return longest_axis(sum);
+}
+
+// A line through the middle of the mesh, across the vector.
 SceneStreamlines usual_streamlines(const Session& session) {
+  const std::string vector = vectors_of(session.info()).front();
   const Box& box = session.mesh_box();
   const dvec3 middle = 0.5 * (box.low + box.high);
-  dvec3 half(0);
-  const int axis = longest_axis(box.extent());
-  half[axis] = 0.25 * box.extent()[axis];
-  SceneStreamlines added{.vector = vectors_of(session.info()).front(),
+  dvec3 sides = box.extent(), half(0);
+  sides[axis_of(vector, session.info())] = 0;
+  const int axis = longest_axis(sides);
+  half[axis] = 0.4 * box.extent()[axis];
+  SceneStreamlines added{.vector = vector,
                          .seeds = SeedLine{middle - half, middle + half, 20},
                          .radius = usual_radius * glm::length(box.extent())};
   const int magnitude = session.info().find_attribute(added.vector);
