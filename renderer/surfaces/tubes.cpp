@@ -97,7 +97,8 @@ std::vector<std::size_t> thinned(std::span<const dvec3> positions, std::span<con
 
 Status add_tube(std::span<const dvec3> positions, std::span<const double> values, std::span<const std::size_t> rows,
                 double radius, TubeMesh& tubes) {
-  auto& [points, triangles, open_end] = tubes.mesh;
+  std::vector<dvec3>& points = tubes.mesh.points;
+  std::vector<std::array<std::uint32_t, 3>>& triangles = tubes.mesh.triangles;
   const std::vector<Ring> rings = rings_of(positions, rows);
   if (points.size() + sides * rings.size() >= std::numeric_limits<std::uint32_t>::max())
     return fail(ErrorCode::unsupported, "streamlines: their tubes have 2^32 points or more: take fewer seeds");

@@ -54,7 +54,8 @@ TEST(Tubes, AreClosedAndRoundTheirLine) {
   for (const dvec3& p : positions) values.push_back(p.z);
   TubeMesh tubes;
   for (int tube = 0; tube < 2; ++tube) ASSERT_TRUE(add_tube(positions, values, rows, 0.1, tubes));
-  const auto& [points, triangles, open_end] = tubes.mesh;
+  const std::vector<dvec3>& points = tubes.mesh.points;
+  const auto& triangles = tubes.mesh.triangles;
   ASSERT_EQ(tubes.values.size(), points.size());
   for (std::size_t i = 0; i < points.size(); ++i) {
     double nearest = std::numeric_limits<double>::infinity();
