@@ -221,13 +221,12 @@ Status Player::replace(PlayerFile file) {
 void Player::set_tubes(std::vector<SceneTubes> tubes) {
   surfaces_.tubes = std::move(tubes);
   surfaces_.view.reset();
+  join_surfaces();
 }
 
-// Surfaces and tubes.
-std::vector<Surface> Player::all_surfaces() const {
-  std::vector<Surface> all = surfaces_.all;
-  for (const SceneTubes& tubes : surfaces_.tubes) all.push_back(tubes.surface);
-  return all;
+void Player::join_surfaces() {
+  surfaces_.drawn = surfaces_.all;
+  for (const SceneTubes& tubes : surfaces_.tubes) surfaces_.drawn.push_back(tubes.surface);
 }
 
 // Patches have their share while there are some.
@@ -237,6 +236,7 @@ void Player::take_surfaces(std::vector<Surface> surfaces) {
   };
   if (!std::ranges::equal(surfaces_.all, surfaces, is_same)) surfaces_.view.reset();
   surfaces_.all = std::move(surfaces);
+  join_surfaces();
   const auto is_patch = [](const Surface& surface) { return surface.mesh && !surface.style.boundary.empty(); };
   surfaces_.patches_room = {};
   if (std::ranges::none_of(surfaces_.all, is_patch)) return;
@@ -292,7 +292,7 @@ Status Player::open_again(std::size_t step) {
 std::optional<Error> Player::left_out() const { return left_out_error(surfaces_.all, steps_.name()); }
 
 bool Player::shows_surfaces() const {
-  return !view_.slices.empty() || std::ranges::any_of(all_surfaces(), &Surface::is_visible);
+  return !view_.slices.empty() || std::ranges::any_of(surfaces_.drawn, &Surface::is_visible);
 }
 
 Status Player::set_surface_depths(std::shared_ptr<const SurfaceDepths> depths) {
@@ -470,10 +470,10 @@ Result<FrameTimes> Player::draw_volume(const View& view) {
 // Finds the layers of surfaces, and of slices unless cells have their values.
 void Player::lay_surfaces(const View& view, bool has_slices) {
   if (has_slices && !view.slices.empty()) {
-    surfaces_.layers = draw_surfaces(all_surfaces(), draw_slices(view), view);
+    surfaces_.layers = draw_surfaces(surfaces_.drawn, draw_slices(view), view);
     surfaces_.view.reset();
   } else if (surfaces_.view != view) {
-    surfaces_.layers = draw_surfaces(all_surfaces(), {}, view);
+    surfaces_.layers = draw_surfaces(surfaces_.drawn, {}, view);
     surfaces_.view = view;
   }
 }

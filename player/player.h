@@ -323,8 +323,8 @@ class Player {
   /// Whether layers of translucent surfaces were joined in the last picture (draw_surfaces).
   [[nodiscard]] bool has_joined_surfaces() const { return picture_ && surfaces_.layers.is_joined; }
 
-  /// Returns the surfaces of the scene.
-  [[nodiscard]] const std::vector<Surface>& surfaces() const { return surfaces_.all; }
+  /// Returns the surfaces of the scene, and then the tubes of its streamlines.
+  [[nodiscard]] const std::vector<Surface>& surfaces() const { return surfaces_.drawn; }
 
   /// Returns the error of patches that the pictures lack: the triangles of the boundary that a scene shows may take a
   /// quarter of PlayerOptions::memory, and the largest patches beyond are left out. None if all are drawn.
@@ -371,7 +371,7 @@ class Player {
   void lay_surfaces(const View& view, bool has_slices);
   [[nodiscard]] Result<std::vector<CellLayer>> lay_cells();
   void take_surfaces(std::vector<Surface> surfaces);
-  [[nodiscard]] std::vector<Surface> all_surfaces() const;
+  void join_surfaces();
   [[nodiscard]] Status read_tubes_of(std::size_t step, std::shared_ptr<const format::Volume> volume);
   [[nodiscard]] Result<std::shared_ptr<const FileCells>> open_cells();
   [[nodiscard]] bool shows_surfaces() const;
@@ -400,6 +400,7 @@ class Player {
     std::shared_ptr<const SurfaceDepths> depths = {};  // of another program
     std::vector<Surface> all = {};                     // of the scene
     std::vector<SceneTubes> tubes = {};                // likewise
+    std::vector<Surface> drawn = {};                   // both
     Reservation patches_room = {};                     // while surfaces are patches
     SurfaceLayers layers = {};                         // of the last picture with surfaces or slices
     std::optional<View> view = {};                     // shows the layers; none: they are to be drawn

@@ -52,7 +52,7 @@ Status make_tubes(const std::string& file, SceneTubes& tubes) {
     const auto rows = thinned(line.positions, values, thinned_share * of.radius, difference);
     SPLATVOL_TRY(add_tube(line.positions, values, rows, of.radius, made));
   }
-  tubes.surface.style = {.color = of.color, .color_by = of.color_by};
+  tubes.surface.style = {.file = "streamlines of " + of.vector, .color = of.color, .color_by = of.color_by};
   tubes.surface.mesh = std::make_shared<const TriangleMesh>(std::move(made.mesh));
   if (of.color_by)
     tubes.surface.values =

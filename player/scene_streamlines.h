@@ -28,7 +28,7 @@ struct StreamlineFile {
 struct SceneTubes {
   SceneStreamlines of;
   std::uint64_t step_key = 0;
-  Surface surface;                                       // of the tubes
+  Surface surface;                                       // of the tubes; as its file it has a name for picks
   std::shared_ptr<const std::vector<Streamline>> lines;  // that have rows; null: they are not followed
   std::size_t seeds = 0;                                 // of the lines
   std::shared_ptr<const StreamlineFile> file = nullptr;  // before what needs it
