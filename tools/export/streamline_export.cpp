@@ -12,8 +12,8 @@
 #include "base/names.h"
 #include "extractor/output_arrays.h"
 #include "format/splat_reader.h"
-#include "sampler/streamlines.h"
 #include "sampler/csv_table.h"
+#include "sampler/streamlines.h"
 #include "tools/export/vtu_file.h"
 
 namespace splatvol {
