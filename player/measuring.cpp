@@ -35,16 +35,6 @@ IntegralRequest region_of(const Scene& scene) {
   return region;
 }
 
-std::vector<std::string> vectors_of(const format::VolumeInfo& info) {
-  std::vector<std::string> vectors;
-  for (const format::Attribute& attribute : info.attributes) {
-    if (!attribute.name.ends_with("[0]")) continue;
-    const std::string name = attribute.name.substr(0, attribute.name.size() - 3);
-    if (info.find_attribute(name + "[1]") >= 0 && info.find_attribute(name + "[2]") >= 0) vectors.push_back(name);
-  }
-  return vectors;
-}
-
 void Measuring::begin(SessionHost& host, const format::Steps& steps, const MeasureRequest& request,
                       std::uint64_t memory) {
   end();

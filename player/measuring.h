@@ -36,9 +36,6 @@ using Measured = std::variant<Integrals, SurfaceIntegrals>;
 /// Returns the region that a scene's clip box and clip planes leave.
 [[nodiscard]] IntegralRequest region_of(const Scene& scene);
 
-/// Returns the names of vectors: those whose components NAME[0], NAME[1] and NAME[2] are attributes.
-[[nodiscard]] std::vector<std::string> vectors_of(const format::VolumeInfo& info);
-
 /// Measures one thing after the other.
 class Measuring {
  public:

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <utility>
 
+#include "sampler/vector_field.h"
 #include "viewer/window/gui_units.h"
 
 namespace splatvol {

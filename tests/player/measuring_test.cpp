@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "base/file.h"
+#include "sampler/vector_field.h"
 #include "tests/builder/support/built_mesh.h"
 #include "tests/support/results.h"
 #include "tests/support/temp_folder.h"
