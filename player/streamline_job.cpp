@@ -33,6 +33,7 @@ bool StreamlineJob::has_news() const {
 std::optional<std::vector<SceneTubes>> StreamlineJob::take(std::optional<Error>& trouble) {
   if (is_begun() && task_.wait()) {
     auto tubes = task_.take();
+    news_->tubes.reset();  // some of them, older
     if (tubes) return *std::move(tubes);
     trouble = tubes.error();
     return std::vector<SceneTubes>();

@@ -44,7 +44,7 @@ struct MeasuresInAWindow : ViewerFixture {
   }
 };
 
-constexpr double contours_y = 187, measure_y = 212;
+constexpr double contours_y = 187, measure_y = 237;
 
 // The row below the value has the size .3 s after the last change.
 TEST_F(MeasuresInAWindow, AContourHasItsSize) {
@@ -79,15 +79,15 @@ TEST_F(MeasuresInAWindow, NumbersOfWhatIsSeen) {
   click_and_settle(160, measure_y);
   frame({PointerMoved{-1, -1}});
   settle();
-  const std::vector<vec4> nothing = rows(330, 460);
+  const std::vector<vec4> nothing = rows(355, 485);
   click_and_settle(40, measure_y + 91);  // "measure"
   frame({PointerMoved{-1, -1}});
   settle();
-  const std::vector<vec4> numbers = rows(330, 460);
+  const std::vector<vec4> numbers = rows(355, 485);
   EXPECT_TRUE(numbers != nothing) << text();
   viewer->session()->scene.clip_box = Box{dvec3(0), dvec3(0.5)};
   settle();
-  EXPECT_TRUE(rows(330, 460) != numbers);
+  EXPECT_TRUE(rows(355, 485) != numbers);
   EXPECT_EQ(text(), "");
 }
 

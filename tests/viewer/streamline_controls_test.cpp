@@ -10,7 +10,7 @@ namespace splatvol::test {
 namespace {
 
 constexpr double panel = 336;
-constexpr double section_y = 835, add_y = section_y + 22;  // its head, and its button
+constexpr double section_y = 847, add_y = section_y + 22;  // its head, and its button
 
 struct ViewerStreamlines : test::ViewerFixture {
   void SetUp() override {
