@@ -41,7 +41,7 @@ test_headers() {
 test_exports() {
   local library name names exported others all=''
   exported='splatvol::(File|GlRenderer|Renderer|TransferFunction)::'
-  exported+='|splatvol::(append_to_series|build|build_series|write_image|is_image_path|parse_scene|load_scene|scene_to_json)(\[abi:cxx11\])?\('
+  exported+='|splatvol::(append_to_series|build|build_series|write_image|is_image_path|parse_scene|load_scene|scene_to_json|name_of)(\[abi:cxx11\])?\('
   for library in read render build; do
     names=$(nm -D --defined-only -C "$libraries/libsplatvol_$library.so" | grep -E ' [A-TX-Z] ' || true)
     [[ -n $names ]] || fail "libsplatvol_$library.so exports nothing"
