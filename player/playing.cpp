@@ -18,9 +18,8 @@ std::optional<std::size_t> Playing::next(std::size_t shown, std::size_t count) {
   return is_last ? 0 : shown + 1;
 }
 
-bool Playing::is_due(double seconds, bool is_ready) {
+bool Playing::is_due(bool is_ready) {
   const double period = 1 / steps_per_second;
-  *seconds_ += seconds;
   if (*seconds_ < period || !is_ready) return false;
   seconds_ = std::min(*seconds_ - period, period);
   return true;

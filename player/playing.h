@@ -20,9 +20,12 @@ class Playing {
   /// none, and steps do not play any more. `count`: of all steps.
   [[nodiscard]] std::optional<std::size_t> next(std::size_t shown, std::size_t count);
 
-  /// Whether the time of the step that is shown has passed. `seconds`: since the last call. Until the next step is
-  /// ready, the time waits. On the average, the rate is kept.
-  [[nodiscard]] bool is_due(double seconds, bool is_ready);
+  /// Counts the time since the last call, also while a picture is drawn. Requires that steps play.
+  void pass(double seconds) { *seconds_ += seconds; }
+
+  /// Whether the time of the step that is shown has passed. Until the next step is ready, the time waits. On the
+  /// average, the rate is kept.
+  [[nodiscard]] bool is_due(bool is_ready);
 
   /// Returns how many seconds the picture of a step may take: time is left to show it.
   [[nodiscard]] double picture_seconds() const { return 0.8 / steps_per_second; }

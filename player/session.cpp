@@ -206,11 +206,13 @@ void Session::toggle_playing() {
 }
 
 Status Session::play(double seconds) {
-  if (!is_playing() || !is_step_shown()) return {};
+  if (!is_playing()) return {};
+  playback.pass(seconds);
+  if (!is_step_shown()) return {};
   const std::optional<std::size_t> next = playback.next(step(), times().size());
   if (!next) return {};
   read_ahead(*next);
-  if (!playback.is_due(seconds, !is_reading_ahead())) return {};
+  if (!playback.is_due(!is_reading_ahead())) return {};
   if (steps().are_files()) {
     playback.await(*next);
     ask_step(*next);

@@ -154,8 +154,8 @@ class Session {
   void stop_playing() { playback.end(); }
   [[nodiscard]] bool is_playing() const { return playback.is_begun(); }
 
-  /// Shows the next step once the picture of this one has been there for its time and the next one has been read. If a
-  /// file cannot be read, or that is taken back, it is the end. `seconds`: since the last call.
+  /// Shows the next step once the picture of this one is there, its time has passed and the next one has been read. If
+  /// a file cannot be read, or that is taken back, it is the end. `seconds`: since the last call.
   [[nodiscard]] Status play(double seconds);
 
   /// Adds the scene to those that it went through, if it has changed and there is a picture.

@@ -44,7 +44,10 @@ TEST(Playing, KeepsTheRateOnTheAverage) {
   playing.steps_per_second = 4;
   playing.begin();
   int steps = 0;
-  for (int frames = 0; frames < 1000; ++frames) steps += playing.is_due(0.07, true) ? 1 : 0;
+  for (int frames = 0; frames < 1000; ++frames) {
+    playing.pass(0.07);
+    steps += playing.is_due(true) ? 1 : 0;
+  }
   EXPECT_NEAR(steps, 4 * 70, 1);
 }
 
@@ -57,10 +60,13 @@ TEST(Playing, LeavesTimeToShowAPicture) {
 TEST(Playing, WaitsForTheNextStepAndCatchesUpOnce) {
   Playing playing;
   playing.begin();
-  for (int frames = 0; frames < 100; ++frames) EXPECT_FALSE(playing.is_due(0.1, false));
-  EXPECT_TRUE(playing.is_due(0, true));
-  EXPECT_TRUE(playing.is_due(0, true));
-  EXPECT_FALSE(playing.is_due(0, true));
+  for (int frames = 0; frames < 100; ++frames) {
+    playing.pass(0.1);
+    EXPECT_FALSE(playing.is_due(false));
+  }
+  EXPECT_TRUE(playing.is_due(true));
+  EXPECT_TRUE(playing.is_due(true));
+  EXPECT_FALSE(playing.is_due(true));
 }
 
 }  // namespace
