@@ -112,7 +112,7 @@ Status append_piece(const Piece& piece, Mesh& mesh) {
   return {};
 }
 
-/// Finds copies of vertices that pieces share: of one position and value, as svbuild joins them.
+/// Finds copies of vertices, of pieces or at a seam: of one position and value, as svbuild joins them.
 std::vector<std::uint32_t> find_copies(const Mesh& mesh) {
   const std::vector<double>& values = mesh.values.front();
   std::vector<std::uint32_t> order(mesh.points.size()), vertices(mesh.points.size());
@@ -153,7 +153,7 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const Scene& scene
     bar.update(static_cast<double>(read) / static_cast<double>(source->piece_count()));
   }
   if (mesh.tetrahedra.empty()) return fail(ErrorCode::invalid_data, "{}: no cells with a volume", paths.front());
-  if (source->piece_count() > 1 && !contours_of(scene).surfaces.empty() && !mesh.constant)
+  if (!contours_of(scene).surfaces.empty() && !mesh.constant)
     mesh.vertices = find_copies(mesh);
   return mesh;
 }
