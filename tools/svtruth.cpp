@@ -153,8 +153,7 @@ Result<Mesh> read_mesh(const std::vector<std::string>& paths, const Scene& scene
     bar.update(static_cast<double>(read) / static_cast<double>(source->piece_count()));
   }
   if (mesh.tetrahedra.empty()) return fail(ErrorCode::invalid_data, "{}: no cells with a volume", paths.front());
-  if (!contours_of(scene).surfaces.empty() && !mesh.constant)
-    mesh.vertices = find_copies(mesh);
+  if (!contours_of(scene).surfaces.empty() && !mesh.constant) mesh.vertices = find_copies(mesh);
   return mesh;
 }
 

@@ -644,6 +644,33 @@ TEST_F(Programs, WallsHaveTheValuesOfOwnCells) {
   EXPECT_GT(red, 50U);
 }
 
+// At the seam of a mesh, each point stands twice. Gradients of both sides meet there.
+TEST_F(Programs, ContoursAreLitAcrossASeam) {
+  VtuMesh mesh;
+  VtkArray heat{"heat", {}};
+  for (const double x : {0.0, 0.5, 0.5, 1.0})
+    for (const double y : {0.0, 0.5})
+      for (const double z : {0.0, 0.5}) {
+        mesh.points.push_back({x, y, z});
+        heat.values.push_back(std::max(3 * x, 1 + x) + y - z);  // bends at the seam
+      }
+  mesh.cells = {{12, {0, 4, 6, 2, 1, 5, 7, 3}}, {12, {8, 12, 14, 10, 9, 13, 15, 11}}};
+  mesh.point_data = {heat};
+  write("mesh.vtu", mesh.file());
+  expect_done("svbuild mesh.vtu --exact -o v.svol");
+  json text = small_scene;
+  text["camera"]["position"] = {0.317, 0.271, 4};
+  text["attribute"] = "heat";
+  text["transfer_function"]["density"] = {{0, 0}, {1, 0}};
+  text["contours"] = {{{"values", {1.5, 1.75}}}};
+  write("s.json", text.dump());
+  expect_done("svrender v.svol --scene s.json --exact -o v.exr");
+  expect_done("svtruth mesh.vtu --scene s.json -o t.exr");
+  const Image image = *read_exr(path("v.exr"));
+  EXPECT_GT(std::ranges::count_if(image.pixels, [](const vec4& pixel) { return pixel.a > 0; }), 100);
+  EXPECT_LT(compare_images(image, *read_exr(path("t.exr")))->rmse, 1e-5);
+}
+
 // Two tetrahedra that do not touch, the larger one on the right.
 TEST_F(Programs, ConnectedPartsOfTheBoundaryAreDrawnByTheirNames) {
   const VtuMesh mesh{.points = {{-0.5, 0, 0},
