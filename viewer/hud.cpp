@@ -63,7 +63,7 @@ float draw_hud(ViewerState& viewer, double frame_seconds) {
   if (!session.frame() && !is_of_cells) return 0;
   const StreamerStatistics statistics = session.statistics();
   const auto bytes = [](std::uint64_t count) { return byte_text(static_cast<double>(count)); };
-  const FrameProgress progress = session.frame() ? session.frame()->progress : FrameProgress();
+  const FrameProgress progress = is_of_cells ? FrameProgress() : session.frame()->progress;
   std::string text = fmt::format("{:.0f} frames/s, picture {:.1f} ms\n", frame_seconds > 0 ? 1 / frame_seconds : 0,
                                  1000 * session.draw_seconds());
   text += drawn_text(session);

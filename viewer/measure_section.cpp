@@ -20,9 +20,9 @@ void draw_attribute(const ValueIntegral& of, double size, double missing) {
   ImGui::TextUnformatted((of.unit.empty() ? of.name : of.name + " (" + of.unit + ")").c_str());
   ImGui::Indent();
   if (size > 0) {
-    ImGui::TextUnformatted(fmt::format("mean {:.6g}, integral {:.6g}", of.mean, of.integral).c_str());
-    ImGui::TextUnformatted(fmt::format("min {:.6g} at {}", of.low, text_of(of.low_position)).c_str());
-    ImGui::TextUnformatted(fmt::format("max {:.6g} at {}", of.high, text_of(of.high_position)).c_str());
+    ImGui::TextWrapped("%s", fmt::format("mean {:.6g}, integral {:.6g}", of.mean, of.integral).c_str());
+    ImGui::TextWrapped("%s", fmt::format("min {:.6g} at {}", of.low, text_of(of.low_position)).c_str());
+    ImGui::TextWrapped("%s", fmt::format("max {:.6g} at {}", of.high, text_of(of.high_position)).c_str());
   }
   if (missing > 0) ImGui::TextUnformatted(fmt::format("no value in {:.6g} of it", missing).c_str());
   ImGui::Unindent();
