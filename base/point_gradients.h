@@ -10,7 +10,7 @@
 
 namespace splatvol {
 
-/// What tetrahedra at a point tell of the gradient of a value there: sums over them. Sums of parts of the tetrahedra
+/// Sums for the gradient of a value at a point, over the tetrahedra there. Sums of parts of the tetrahedra
 /// add up to that of all.
 struct GradientSum {
   dvec3 gradients{0};  // times the weight

@@ -41,10 +41,26 @@ struct DrawnFrame {
   std::uint64_t shown;    // number of the picture
 };
 
-// A scene that a hand made, and the time of the last event of it.
-struct Asked {
+// The parts of a scene that scripts change.
+struct Changeable {
+  explicit Changeable(const Scene& scene)
+      : camera(scene.camera), function(scene.transfer_function), contours(scene.contours) {}
+
+  void put_into(Scene& scene) const {
+    scene.camera = camera;
+    scene.transfer_function = function;
+    scene.contours = contours;
+  }
+  [[nodiscard]] bool operator==(const Changeable&) const = default;
+
   Camera camera;
   TransferFunction function;
+  std::vector<SceneContour> contours;
+};
+
+// A scene that a hand made, and the time of the last event of it.
+struct Asked {
+  Changeable scene;
   double time;
 };
 
@@ -73,6 +89,7 @@ class Bench {
   [[nodiscard]] Status note_frame(double begin, Record& record, const Hand& hand);
   [[nodiscard]] Result<bool> follow(Record& record, Hand& hand, const std::function<bool()>& is_done);
   [[nodiscard]] FrameInput input_of(const std::vector<Act>& acts);
+  void move_contour(double share);
   [[nodiscard]] Status put_back();
 
   const Options& options_;
@@ -81,7 +98,7 @@ class Bench {
   ByteTarget framebuffer_;  // laid out like a window's
   std::unique_ptr<Viewer> viewer_;
   double last_input_ = 0;
-  std::optional<TransferFunction> function_;  // at the script's start
+  std::optional<Changeable> start_;  // of the script
   double asked_time_ = 0;
 };
 
@@ -123,13 +140,21 @@ FrameInput Bench::input_of(const std::vector<Act>& acts) {
   FrameInput input{now - std::exchange(last_input_, now), {}};
   for (const Act& act : acts) {
     if (act.event) input.events.push_back(*act.event);
+    if (act.contour) move_contour(*act.contour);
     if (!act.opacity) continue;
     input.events.emplace_back(PointerMoved{0.5 * ViewerState::panel_width, 300 * *act.opacity / 3});
-    session().scene.transfer_function = *function_;
+    session().scene.transfer_function = start_->function;
     for (auto& density : session().scene.transfer_function.densities) density.extinction *= *act.opacity;
   }
   if (!acts.empty()) asked_time_ = acts.back().seconds;
   return input;
+}
+
+void Bench::move_contour(double share) {
+  const std::string& name = session().scene.attribute;
+  const int number = std::max(0, session().info().find_attribute(name));
+  const format::Attribute& attribute = session().info().attributes[static_cast<std::size_t>(number)];
+  session().scene.contours[0].values[0] = start_->contours[0].values[0] + share * (attribute.max - attribute.min);
 }
 
 // Notes a frame that began at a time.
@@ -140,10 +165,8 @@ Status Bench::note_frame(double begin, Record& record, const Hand& hand) {
   const std::uint64_t shown = session().shown_number();
   keeper_.note_shown(shown, end);
   record.frames.push_back({begin, end - begin, viewer_->window_seconds(), shown});
-  const Scene& scene = session().scene;
-  if (record.asked.empty() || record.asked.back().camera != scene.camera ||
-      record.asked.back().function != scene.transfer_function)
-    record.asked.push_back({scene.camera, scene.transfer_function, asked_time_});
+  if (const Changeable scene(session().scene); record.asked.empty() || record.asked.back().scene != scene)
+    record.asked.push_back({scene, asked_time_});
   return {};
 }
 
@@ -169,9 +192,7 @@ Result<bool> Bench::follow(Record& record, Hand& hand, const std::function<bool(
 
 // Shows the view's scene again, and waits for its finest picture.
 Status Bench::put_back() {
-  Scene& scene = session().scene;
-  scene.camera = session().first_scene().camera;
-  scene.transfer_function = session().first_scene().transfer_function;
+  Changeable(session().first_scene()).put_into(session().scene);
   Hand idle({});
   Record dropped;
   viewer_->redraw();
@@ -182,7 +203,7 @@ Status Bench::put_back() {
 Result<Record> Bench::run(const std::string& name) {
   Record record{.script = script_of(name, place())};
   if (record.script.begins_at_scene) SPLATVOL_TRY(put_back());
-  function_ = session().scene.transfer_function;
+  start_ = Changeable(session().scene);
   static_cast<void>(keeper_.take_shown());
   asked_time_ = 0;
   Hand hand(record.script.acts);
@@ -215,9 +236,8 @@ ordered_json json_of(const KeptPicture& picture, const std::vector<Asked>& asked
                        {"spacing", picture.recipe.recipe.sample_spacing},
                        {"seconds", picture.seconds}};
   if (picture.recipe.moves) json["told_error"] = picture.recipe.error;
-  const auto is_its = [&](const Asked& scene) {
-    return scene.time <= *picture.shown && scene.camera == picture.scene.camera &&
-           scene.function == picture.scene.transfer_function;
+  const auto is_its = [&, scene = Changeable(picture.scene)](const Asked& other) {
+    return other.time <= *picture.shown && other.scene == scene;
   };
   const auto found = std::find_if(asked.rbegin(), asked.rend(), is_its);
   if (found != asked.rend()) {
@@ -292,6 +312,7 @@ Result<std::vector<Record>> run_scripts(const Options& options, Scene& scene) {
   for (const std::string& name : script_names()) {
     const bool is_wanted = options.scripts.empty() || std::ranges::find(options.scripts, name) != options.scripts.end();
     if (!is_wanted || (name == "play" && bench->step_count() < 2)) continue;
+    if (name == "contour" && scene.contours.empty()) continue;
     SPLATVOL_TRY_ASSIGN(record, bench->run(name));
     choose_compared(record.pictures, options.compared);
     records.push_back(std::move(record));

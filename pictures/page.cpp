@@ -32,8 +32,8 @@ struct BarText {
   double width = 0;
 };
 
-BarText bar_text(const Font& font, const TransferFunction& function, const PageText& page) {
-  BarText text{ticks_of(function, page.ticks), *page.bar};
+BarText bar_text(const Font& font, const PageBar& bar, int ticks) {
+  BarText text{ticks_of(bar.function, ticks), bar.label};
   double widest = 0;
   for (const Tick& tick : text.ticks.list) widest = std::max(widest, font.width(tick.label));
   const double line = font.height();
@@ -44,10 +44,10 @@ BarText bar_text(const Font& font, const TransferFunction& function, const PageT
 }
 
 // Returns the pixels right of the picture and over it.
-Result<std::array<int, 2>> margins(const PageText& text, const TransferFunction& function, double text_height) {
+Result<std::array<int, 2>> margins(const PageText& text, double text_height) {
   SPLATVOL_TRY_ASSIGN(font, Font::create(text_height));
   std::array<int, 2> result{0, 0};
-  if (text.bar) result[0] = static_cast<int>(std::ceil(bar_text(font, function, text).width));
+  for (const PageBar& bar : text.bars) result[0] += static_cast<int>(std::ceil(bar_text(font, bar, text.ticks).width));
   if (!text.title.empty()) result[1] = static_cast<int>(std::ceil(1.8 * text_height));
   return result;
 }
@@ -58,10 +58,11 @@ void fill(Image& image, double left, double top, double right, double bottom, co
     for (int x = at(left, image.width); x < at(right, image.width); ++x) image.at(x, y) = vec4(vec3(color), 1);
 }
 
+// `from`: the left end of its words and the space round them.
 void draw_bar(Image& image, const Page& page, const Font& font, const BarText& text, const TransferFunction& function,
-              const dvec3& ink) {
+              double from, const dvec3& ink) {
   const double line = font.height();
-  const double left = page.picture_width + gap * line;
+  const double left = from + gap * line;
   const double words = (text.ticks.factor.empty() ? 1.6 : 2.8) * line;  // over the bar
   const double length = std::min(bar_lines * line, page.picture_height - words - 2 * line);
   const double top = page.top + 0.5 * (page.picture_height - length + words), bottom = top + length;
@@ -122,16 +123,16 @@ std::string title_with_time(const std::string& title, double time) {
   return fmt::format("{}{}time {:.6g}", title, title.empty() ? "" : ", ", time);
 }
 
-Result<Page> lay_out_page(int width, int height, const PageText& text, const TransferFunction& function) {
+Result<Page> lay_out_page(int width, int height, const PageText& text) {
   Page page{width, height, 0, width, height, text_height_for(width, height)};
-  if (text.title.empty() && !text.bar) return page;
-  SPLATVOL_TRY_ASSIGN(sides, margins(text, function, page.text_height));
+  if (text.title.empty() && text.bars.empty()) return page;
+  SPLATVOL_TRY_ASSIGN(sides, margins(text, page.text_height));
   page.top = sides[1];
   page.picture_width = width - sides[0];
   page.picture_height = height - sides[1];
   if (2 * page.picture_width < width || 2 * page.picture_height < height)
-    return fail(ErrorCode::invalid_argument, "{} x {} pixels are too few for a picture beside its title and scalar bar",
-                width, height);
+    return fail(ErrorCode::invalid_argument, "{} x {} pixels are too few for a picture beside its title and scalar {}",
+                width, height, text.bars.size() > 1 ? "bars" : "bar");
   return page;
 }
 
@@ -184,18 +185,23 @@ void draw_outline(Image& image, const View& view, const Box& box, const dvec3& i
     image.pixels[stroke.pixel] = with_stroke(image.pixels[stroke.pixel], stroke, ink);
 }
 
-Result<Image> compose_page(const Page& page, Image picture, const PageText& text, const TransferFunction& function,
-                           const dvec3& ink, bool halo) {
+Result<Image> compose_page(const Page& page, Image picture, const PageText& text, const dvec3& ink, bool halo) {
   if (picture.width != page.picture_width || picture.height != page.picture_height)
     return fail(ErrorCode::invalid_argument, "a picture of {} x {} on a page for {} x {}", picture.width,
                 picture.height, page.picture_width, page.picture_height);
-  if (text.title.empty() && !text.bar && page.width == picture.width && page.height == picture.height) return picture;
+  if (text.title.empty() && text.bars.empty() && page.width == picture.width && page.height == picture.height)
+    return picture;
   Image words{page.width, page.height, std::vector<vec4>(static_cast<std::size_t>(page.width) * page.height)};
   SPLATVOL_TRY_ASSIGN(font, Font::create(page.text_height));
   if (!text.title.empty())
     font.write(words, std::max(0.0, 0.5 * (page.picture_width - font.width(text.title))), 1.25 * page.text_height,
                text.title, ink);
-  if (text.bar) draw_bar(words, page, font, bar_text(font, function, text), function, ink);
+  double left = page.picture_width;
+  for (const PageBar& bar : text.bars) {
+    const BarText of = bar_text(font, bar, text.ticks);
+    draw_bar(words, page, font, of, bar.function, left, ink);
+    left += std::ceil(of.width);
+  }
   if (halo) add_halo(words, page.text_height / 8, dvec3(1) - ink);
   for (int y = 0; y < picture.height; ++y)
     for (int x = 0; x < picture.width; ++x) {

@@ -12,18 +12,24 @@
 
 namespace splatvol {
 
-/// The words round a picture.
+/// A scalar bar beside a picture.
+struct PageBar {
+  std::string label;  // over it: name and unit
+  TransferFunction function;
+};
+
+/// What is round a picture.
 struct PageText {
-  std::string title;               // empty: none
-  std::optional<std::string> bar;  // the words over a scalar bar: name and unit; empty optional: no bar
-  int ticks = ScalarBar().ticks;   // of the bar, as in ScalarBar
+  std::string title;  // empty: none
+  std::vector<PageBar> bars = {};
+  int ticks = ScalarBar().ticks;  // of each bar, as in ScalarBar
 };
 
 /// Returns a title that tells the time of a step, behind other words if there are some.
 [[nodiscard]] std::string title_with_time(const std::string& title, double time);
 
-/// The sizes of a page in pixels. The title is over the picture, and the scalar bar right of it, so that nothing covers
-/// the volume.
+/// The sizes of a page in pixels. The title is over the picture, and scalar bars are right of it, so that nothing
+/// covers the volume.
 struct Page {
   int width = 0, height = 0;  // of the whole
   int top = 0;                // of the picture; it is at the left
@@ -34,7 +40,7 @@ struct Page {
 };
 
 /// Lays out a page of this size. Fails if its words leave less than half of each side to the picture.
-[[nodiscard]] Result<Page> lay_out_page(int width, int height, const PageText& text, const TransferFunction& function);
+[[nodiscard]] Result<Page> lay_out_page(int width, int height, const PageText& text);
 
 /// Returns the colour of words and lines on a background: black or white.
 [[nodiscard]] dvec3 ink_on(const dvec3& background);
@@ -68,7 +74,7 @@ void draw_outline(Image& image, const View& view, const Box& box, const dvec3& i
 
 /// Returns the page with its picture, which must have the page's picture_width and picture_height.
 /// `halo`: words and lines beside it stand out from any background: a soft edge of the opposite colour is round them.
-[[nodiscard]] Result<Image> compose_page(const Page& page, Image picture, const PageText& text,
-                                         const TransferFunction& function, const dvec3& ink, bool halo = false);
+[[nodiscard]] Result<Image> compose_page(const Page& page, Image picture, const PageText& text, const dvec3& ink,
+                                         bool halo = false);
 
 }  // namespace splatvol

@@ -12,10 +12,9 @@ void Playing::begin() {
 
 std::optional<std::size_t> Playing::next(std::size_t shown, std::size_t count) {
   const auto awaited = std::exchange(awaited_, {});
-  const bool is_last = shown + 1 == count;
-  if ((awaited && shown != *awaited) || (is_last && !loops)) end();
-  if (!is_begun()) return {};
-  return is_last ? 0 : shown + 1;
+  const auto step = after(shown, count);
+  if ((awaited && shown != *awaited) || !step) end();
+  return is_begun() ? step : std::nullopt;
 }
 
 bool Playing::is_due(bool is_ready) {

@@ -16,6 +16,12 @@ class Playing {
   void begin();
   void end() { seconds_.reset(); }
 
+  /// Returns the step that comes after `step`; none after the last, unless it loops. `count`: of all steps.
+  [[nodiscard]] std::optional<std::size_t> after(std::size_t step, std::size_t count) const {
+    if (step + 1 < count) return step + 1;
+    return loops ? std::optional<std::size_t>(0) : std::nullopt;
+  }
+
   /// Returns the step after the one that is shown. At the end, and if another step came than was awaited, there is
   /// none, and steps do not play any more. `count`: of all steps.
   [[nodiscard]] std::optional<std::size_t> next(std::size_t shown, std::size_t count);

@@ -16,7 +16,8 @@ namespace {
 
 constexpr double thinned_share = 0.1;            // of the radius
 constexpr double fewest_colors = 256;            // along all values of the lines
-constexpr std::chrono::milliseconds pause{150};  // between two calls of TakeTubes
+constexpr std::chrono::milliseconds pause{150};  // at least, between two calls of TakeTubes
+constexpr int pause_factor = 4;                  // likewise, times what the first of them took
 
 // The attribute that colours tubes; none: the vector's first component, which is not used.
 std::string attribute_of(const SceneStreamlines& one) {
@@ -88,7 +89,7 @@ class Following {
     SceneTubes& tubes = all_.back();
     const format::Volume& volume = *file_->volume;
     SPLATVOL_TRY(open_field(tubes));
-    SPLATVOL_TRY_ASSIGN(seeds, positions_of(tubes.of.seeds, volume));
+    SPLATVOL_TRY_ASSIGN(seeds, positions_of(tubes.of.seeds, volume, file_->memory->patches.capacity()));
     StreamlineRequest request;
     request.direction = tubes.of.direction;
     request.max_length = tubes.of.max_length;
@@ -97,15 +98,16 @@ class Following {
     tubes.seeds = seeds.size();
     std::vector<Streamline> lines, without_rows;
     Status made;
-    auto told = std::chrono::steady_clock::now() - pause;  // the first comes at once
+    auto next = std::chrono::steady_clock::now();  // the first comes at once
     const std::size_t threads = std::max(1u, std::thread::hardware_concurrency());
     SPLATVOL_TRY(follow_streamlines(*tubes.field, seeds, limits, threads, [&](Streamline line) {
       (line.positions.empty() ? without_rows : lines).push_back(std::move(line));
       const auto now = std::chrono::steady_clock::now();
-      if (!take_ || lines.empty() || now - told < pause || !made) return;
+      if (!take_ || lines.empty() || now < next || !made) return;
       made = show(lines, tubes);
       take_(all_);
-      told = std::chrono::steady_clock::now();
+      const auto end = std::chrono::steady_clock::now();
+      next = end + std::max<std::chrono::steady_clock::duration>(pause, pause_factor * (end - now));
     }));
     SPLATVOL_TRY(made);
     if (lines.empty()) return fail_without_lines(volume, without_rows);

@@ -12,6 +12,7 @@
 #include "pictures/contrast.h"
 #include "player/camera_control.h"
 #include "player/choice.h"
+#include "player/scalar_bars.h"
 #include "scene/scene_change.h"
 #include "streamer/first/explain.h"
 
@@ -57,11 +58,10 @@ format::Attribute Session::attribute() const {
   return shown;
 }
 
-format::Attribute Session::bar_attribute() const {
-  format::Attribute shown =
-      info().attributes[static_cast<std::size_t>(info().find_attribute(bar_colors_of(used_.scene).attribute))];
-  if (!scene.scalar_bar.unit.empty()) shown.unit = scene.scalar_bar.unit;
-  return shown;
+std::vector<PageBar> Session::scalar_bars() const {
+  Scene shown = used_.scene;
+  shown.scalar_bar = scene.scalar_bar;  // its unit waits for no picture
+  return scalar_bars_of(shown, info(), player_->streamer().volume().name()).value_or(std::vector<PageBar>());
 }
 
 std::optional<format::Attribute> Session::opacity_attribute() const {
@@ -221,8 +221,7 @@ Status Session::play(double seconds) {
   Status shown = show_step(*next);
   if (!shown) stop_playing();
   // The one after it is read while its picture is drawn.
-  if (const bool is_last = *next + 1 == times().size(); shown && (!is_last || playback.loops))
-    read_ahead(is_last ? 0 : *next + 1);
+  if (const auto after = playback.after(*next, times().size()); shown && after) read_ahead(*after);
   return shown;
 }
 
@@ -518,7 +517,7 @@ Result<Image> Session::page(const Page& page, const PageText& text, bool transpa
   SPLATVOL_TRY_ASSIGN(image, player_->image());
   const dvec3 ink = ink_on(used_.scene.background);
   if (used_.scene.outline) draw_outline(image, view(), data_.bounds, transparent ? ink_on_any() : ink);
-  return compose_page(page, std::move(image), text, bar_colors_of(used_.scene).function, ink, transparent);
+  return compose_page(page, std::move(image), text, ink, transparent);
 }
 
 // Contours and streamlines may show where the volume does not.

@@ -194,8 +194,8 @@ class Session {
   /// Returns the attribute that is drawn, with the unit that the scene tells.
   [[nodiscard]] format::Attribute attribute() const;
 
-  /// Returns the attribute by whose values the picture is coloured (bar_colors_of), with the unit of the scalar bar.
-  [[nodiscard]] format::Attribute bar_attribute() const;
+  /// Returns the scalar bars of the picture (bar_colors_of).
+  [[nodiscard]] std::vector<PageBar> scalar_bars() const;
 
   /// Returns the opacity attribute of the picture, if there is one.
   [[nodiscard]] std::optional<format::Attribute> opacity_attribute() const;

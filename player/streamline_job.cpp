@@ -7,9 +7,10 @@ namespace splatvol {
 void StreamlineJob::follow(SessionHost& host, const Player& player, const std::vector<SceneStreamlines>& streamlines) {
   constexpr double patience = 0.1;  // seconds
   const StreamlineFile file = player.streamline_file();
-  Asked asked{streamlines, file.memory, file.volume ? file.volume->step_key() : 0};
-  const bool has_some = !streamlines.empty() || !asked_.streamlines.empty();
-  if (!file.volume || asked == asked_ || !has_some) return;
+  Asked asked;
+  if (file.volume && !streamlines.empty())
+    asked = {streamlines, file.volume->name(), file.memory, file.volume->step_key()};
+  if (!file.volume || asked == asked_) return;
   if (is_begun() && host.now() - begun_ < patience) return;
   end();
   asked_ = std::move(asked);

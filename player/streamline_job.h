@@ -5,6 +5,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "base/error.h"
@@ -36,9 +37,10 @@ class StreamlineJob {
   void end() { task_.end(); }
 
  private:
-  // What is followed, or was.
+  // Followed, or were.
   struct Asked {
     std::vector<SceneStreamlines> streamlines = {};
+    std::string file = {};  // a step may be one
     std::shared_ptr<const PlayerMemory> memory = {};
     std::uint64_t step_key = 0;
 

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <condition_variable>
+#include <exception>
 #include <iterator>
 #include <limits>
 #include <map>
@@ -59,7 +60,8 @@ double most_along(const Gradients& gradients, const dvec3& way) {
 struct Row {
   dvec3 position{0}, velocity{0};
   double time = 0, length = 0;  // from the seed
-  Gradients gradients{};        // in its tetrahedron
+  FieldCell cell{};             // that it is in
+  Gradients gradients{};        // in it
   double change = 0;            // of the velocity along the line, as a share of it, in a unit of time
   std::vector<double> values = {};
 };
@@ -83,7 +85,7 @@ struct Path {
   void add(Row row) {
     positions.push_back(row.position);
     times.push_back(sign * row.time);
-    values.push_back(row.values);
+    values.push_back(std::move(row.values));
     last = std::move(row);
     has_waited = false;
   }
@@ -112,8 +114,9 @@ class Stepper {
   using Found = FieldReader::Found;
   enum class Trouble { none, end, lacking, failure };
 
-  bool find(const Path& path, const dvec3& position) {
-    const Found found = reader_.find(position, !path.has_waited, place_);
+  // Sets place_, or trouble_. `near`: where it is likely. `may_wait`: for a chunk that is not held; else it is read.
+  bool find(const dvec3& position, const std::optional<FieldCell>& near, bool may_wait) {
+    const Found found = reader_.find(position, near, may_wait, place_);
     trouble_ = found == Found::value     ? Trouble::none
                : found == Found::lacking ? Trouble::lacking
                : found == Found::failure ? Trouble::failure
@@ -124,14 +127,14 @@ class Stepper {
 
   // The row at the place that was found last.
   [[nodiscard]] Row row_at(const dvec3& position, const dvec3& velocity, double time, double length) const {
-    Row row{position, velocity, time, length, gradients_in(place_.corners())};
+    Row row{position, velocity, time, length, place_.cell(), gradients_in(place_.corners())};
     row.change = glm::length(place_.vector_of(weights_along(row.gradients, velocity))) / glm::length(velocity);
     for (std::size_t a = 0; a < field_.attribute_count(); ++a) row.values.push_back(place_.value_of(a));
     return row;
   }
 
   bool begin(Path& path) {
-    if (find(path, path.start)) path.add(row_at(path.start, path.sign * place_.vector(), 0, 0));
+    if (find(path.start, {}, !path.has_waited)) path.add(row_at(path.start, path.sign * place_.vector(), 0, 0));
     return end_if_over(path);
   }
 
@@ -148,8 +151,10 @@ class Stepper {
   // Tries a step. Returns its error as a share of what it may be; none in trouble.
   std::optional<double> attempt(const Path& path, double time, Row& row) {
     const Row& from = path.last;
+    FieldCell near = from.cell;
     const auto velocity = [&](const dvec3& position) -> std::optional<dvec3> {
-      if (!find(path, position)) return {};
+      if (!find(position, near, !path.has_waited)) return {};
+      near = place_.cell();
       return path.sign * place_.vector();
     };
     const auto step = dormand_prince_step(velocity, from.position, from.velocity, time);
@@ -211,10 +216,12 @@ class Stepper {
     return is_over || end_if_over(path);
   }
 
-  // Whether a least step leads somewhere. Stages of a step may leave the field where the line does not.
+  // Whether a least step leads somewhere. Stages of a step may leave the field where the line does not. Waits for no
+  // chunk: the row before it was added, and would not be looked at again.
   bool goes_on(const Path& path) {
     const Row& from = path.last;
-    return find(path, from.position + least_step / most_along(from.gradients, from.velocity) * from.velocity);
+    return find(from.position + least_step / most_along(from.gradients, from.velocity) * from.velocity, from.cell,
+                false);
   }
 
   const VectorField& field_;
@@ -261,11 +268,19 @@ class Paths {
       const auto [chunk, paths] = take_some(threads);
       ++working_;
       lock.unlock();
-      const Status status = follow_some(stepper, chunk, paths);
+      // Without memory, the others must not wait for this thread.
+      Status status;
+      std::exception_ptr exception;
+      try {
+        status = follow_some(stepper, chunk, paths);
+      } catch (...) {
+        exception = std::current_exception();
+      }
       lock.lock();
       --working_;
-      has_failed_ = has_failed_ || !status;
+      has_failed_ = has_failed_ || !status || exception;
       changed_.notify_all();
+      if (exception) std::rethrow_exception(exception);
       if (!status) return status;
     }
   }
@@ -368,7 +383,7 @@ Result<Streamlines> find_streamlines(const format::Volume& volume, const Streaml
   SPLATVOL_TRY_ASSIGN(limits, limits_of(request, volume));
   SPLATVOL_TRY_ASSIGN(field, VectorField::open(volume, request.vector, selection.names,
                                                own_room(std::min(memory, usual_streamline_bytes))));
-  SPLATVOL_TRY_ASSIGN(seeds, positions_of(request.seeds, volume));
+  SPLATVOL_TRY_ASSIGN(seeds, positions_of(request.seeds, volume, memory));
   Streamlines streamlines{std::move(selection.names), std::vector<Streamline>(seeds.size())};
   bool has_line = false;
   SPLATVOL_TRY(follow_streamlines(*field, seeds, limits, threads, [&](Streamline line) {

@@ -37,17 +37,22 @@ struct StreamlineLimits {
                                         const StreamlineLimits& limits, std::size_t threads,
                                         const std::function<void(Streamline)>& take);
 
+/// Returns how many seeds these are to be.
+[[nodiscard]] double count_of(const Seeds& seeds);
+
 /// Returns the positions of seeds that need no file: all but those on patches.
 [[nodiscard]] std::vector<dvec3> positions_on(const Seeds& seeds);
 
 /// Returns the positions of seeds. Reads the boundary of the volume for patches. Fails without any, for positions that
-/// are not finite, for a line or rectangle without an extent, and if the file lacks the patch.
-[[nodiscard]] Result<std::vector<dvec3>> positions_of(const Seeds& seeds, const format::Volume& volume);
+/// are not finite, for a line, rectangle or patch without an extent, if the file lacks the patch, and if the patch
+/// takes more than `memory` bytes.
+[[nodiscard]] Result<std::vector<dvec3>> positions_of(const Seeds& seeds, const format::Volume& volume,
+                                                      std::uint64_t memory);
 
 /// Returns the limits of a request. Fails unless the length and the number of steps are above 0.
 [[nodiscard]] Result<StreamlineLimits> limits_of(const StreamlineRequest& request, const format::Volume& volume);
 
-/// The failure of seeds of which none has a line: what `lines` without rows tell.
+/// The failure where no seed has a line: counts why `lines` without rows end.
 [[nodiscard]] tl::unexpected<Error> fail_without_lines(const format::Volume& volume, std::span<const Streamline> lines);
 
 /// Returns the streamlines of a request; holds at most `memory` bytes of parts of the file. Fails as the functions

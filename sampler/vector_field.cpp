@@ -176,16 +176,26 @@ const FieldChunk* FieldReader::hold(std::uint32_t number, bool may_lack, Found& 
   return held_.front().chunk.get();
 }
 
-FieldReader::Found FieldReader::find(const dvec3& position, bool may_lack, FieldPlace& place) {
+FieldReader::Found FieldReader::find(const dvec3& position, const std::optional<FieldCell>& near, bool may_lack,
+                                     FieldPlace& place) {
   let_go();
   if (!std::isfinite(position.x + position.y + position.z)) return Found::nothing;
-  field_.chunks_at(position, chunks_);
   Found found = Found::nothing;
+  // Only in a chunk that is looked at anyway, so that what is lacking does not depend on it.
+  if (near && squared_distance(box_of_cells(field_.entry(near->chunk)), position) == 0) {
+    const FieldChunk* const chunk = hold(near->chunk, may_lack, found);
+    if (!chunk) return found;
+    if (const auto weights = weights_in(chunk->cells.corners_of(near->tetrahedron), position)) {
+      place = {chunk, near->chunk, near->tetrahedron, *weights};
+      return Found::value;
+    }
+  }
+  field_.chunks_at(position, chunks_);
   for (const std::uint32_t number : chunks_) {
     if (squared_distance(box_of_cells(field_.entry(number)), position) > 0) continue;
     const FieldChunk* const chunk = hold(number, may_lack, found);
     if (!chunk) return found;
-    const Found in_chunk = find_inside(*chunk, position, place);
+    const Found in_chunk = find_inside(*chunk, number, position, place);
     if (in_chunk == Found::value) return in_chunk;
     if (in_chunk == Found::missing) found = in_chunk;
   }
@@ -194,12 +204,13 @@ FieldReader::Found FieldReader::find(const dvec3& position, bool may_lack, Field
   for (const std::uint32_t number : chunks_) {
     const FieldChunk* const chunk = hold(number, may_lack, found);
     if (!chunk) return found;
-    find_near(*chunk, position, distance, place);
+    find_near(*chunk, number, position, distance, place);
   }
   return std::isfinite(distance) ? Found::value : found;
 }
 
-FieldReader::Found FieldReader::find_inside(const FieldChunk& chunk, const dvec3& position, FieldPlace& place) {
+FieldReader::Found FieldReader::find_inside(const FieldChunk& chunk, std::uint32_t number, const dvec3& position,
+                                            FieldPlace& place) {
   constexpr std::uint32_t no_number = std::numeric_limits<std::uint32_t>::max();
   std::uint32_t first = no_number;
   bool is_missing = false;
@@ -216,11 +227,13 @@ FieldReader::Found FieldReader::find_inside(const FieldChunk& chunk, const dvec3
   });
   if (first == no_number) return is_missing ? Found::missing : Found::nothing;
   place.chunk = &chunk;
+  place.number = number;
   place.tetrahedron = first;
   return Found::value;
 }
 
-void FieldReader::find_near(const FieldChunk& chunk, const dvec3& position, double& distance, FieldPlace& place) const {
+void FieldReader::find_near(const FieldChunk& chunk, std::uint32_t number, const dvec3& position, double& distance,
+                            FieldPlace& place) const {
   std::vector<std::uint32_t> near;
   chunk.tree.visit_near(around(position, field_.cells().reach()), [&](std::uint32_t t) { near.push_back(t); });
   std::ranges::sort(near);
@@ -229,7 +242,7 @@ void FieldReader::find_near(const FieldChunk& chunk, const dvec3& position, doub
     const auto point = nearest_on(chunk.cells.corners_of(t), position, reach);
     if (!point || !(point->distance < distance) || !has_vector(chunk.cells, t)) continue;
     distance = point->distance;
-    place = {&chunk, t, point->weights};
+    place = {&chunk, number, t, point->weights};
   }
 }
 

@@ -71,11 +71,19 @@ class VectorField {
   PartRoom trees_;  // of FieldChunk
 };
 
+/// A tetrahedron of a field.
+struct FieldCell {
+  std::uint32_t chunk, tetrahedron;
+};
+
 /// A position in the cells. Valid until the reader finds another one.
 struct FieldPlace {
   const FieldChunk* chunk = nullptr;
+  std::uint32_t number = 0;  // of the chunk
   std::uint32_t tetrahedron = 0;
   CornerWeights weights{};
+
+  [[nodiscard]] FieldCell cell() const { return {number, tetrahedron}; }
 
   [[nodiscard]] TetrahedronCorners corners() const { return chunk->cells.corners_of(tetrahedron); }
   [[nodiscard]] dvec3 vector() const { return {of_attribute(0), of_attribute(1), of_attribute(2)}; }
@@ -105,10 +113,11 @@ class FieldReader {
 
   enum class Found { value, missing, nothing, lacking, failure };
 
-  /// Finds the tetrahedron of a position, as sample_cells does: of several, the first of the file with a value counts.
-  /// Returns `missing` where only cells without a value are. Reads chunks that are not held, or returns `lacking`
-  /// if it `may_lack` one.
-  [[nodiscard]] Found find(const dvec3& position, bool may_lack, FieldPlace& place);
+  /// Finds the tetrahedron of a position. Of several, `near` counts if it is one, and else the first of the file with a
+  /// value, as in sample_cells. Returns `missing` where only cells without a value are. Reads chunks that are not held,
+  /// or returns `lacking` if it `may_lack` one.
+  [[nodiscard]] Found find(const dvec3& position, const std::optional<FieldCell>& near, bool may_lack,
+                           FieldPlace& place);
 
   [[nodiscard]] std::uint32_t lacking() const { return lacking_; }
   [[nodiscard]] const Error& failure() const { return *failure_; }
@@ -122,9 +131,11 @@ class FieldReader {
     std::shared_ptr<const FieldChunk> chunk;
   };
   void let_go();
-  [[nodiscard]] const FieldChunk* hold(std::uint32_t chunk, bool may_lack, Found& trouble);
-  [[nodiscard]] static Found find_inside(const FieldChunk& chunk, const dvec3& position, FieldPlace& place);
-  void find_near(const FieldChunk& chunk, const dvec3& position, double& distance, FieldPlace& place) const;
+  [[nodiscard]] const FieldChunk* hold(std::uint32_t number, bool may_lack, Found& trouble);
+  [[nodiscard]] static Found find_inside(const FieldChunk& chunk, std::uint32_t number, const dvec3& position,
+                                         FieldPlace& place);
+  void find_near(const FieldChunk& chunk, std::uint32_t number, const dvec3& position, double& distance,
+                 FieldPlace& place) const;
 
   const VectorField& field_;
   std::uint64_t most_held_;  // bytes

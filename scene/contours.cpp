@@ -51,22 +51,29 @@ Contours contours_of(const Scene& scene) {
   return all;
 }
 
-BarColors bar_colors_of(const Scene& scene) {
-  Contours contours = contours_of(scene);
+std::vector<BarColors> bar_colors_of(const Scene& scene) {
+  std::vector<BarColors> all;
+  const auto add = [&](const std::string& attribute, TransferFunction function) {
+    function.densities.clear();
+    const bool is_there = std::ranges::any_of(
+        all, [&](const BarColors& one) { return one.attribute == attribute && one.function == function; });
+    if (!is_there) all.push_back({attribute, std::move(function)});
+  };
+  const auto add_by = [&](const auto& parts) {
+    for (const auto& part : parts)
+      if (part.shown && part.color_by) add(part.color_by->attribute, part.color_by->function);
+  };
   const bool has_volume = std::ranges::any_of(scene.transfer_function.densities,
                                               [](const auto& density) { return density.extinction > 0; });
-  const bool has_slices = std::ranges::any_of(scene.slices, &SceneSlice::shown);
-  if (has_volume || has_slices) return {scene.attribute, scene.transfer_function};
-  if (!contours.attribute.empty()) return {std::move(contours.attribute), std::move(contours.colors)};
-  const auto surface =
-      std::ranges::find_if(scene.surfaces, [](const SceneSurface& one) { return one.shown && one.color_by; });
-  if (contours.surfaces.empty() && surface != scene.surfaces.end())
-    return {surface->color_by->attribute, surface->color_by->function};
-  const auto tubes =
-      std::ranges::find_if(scene.streamlines, [](const SceneStreamlines& one) { return one.shown && one.color_by; });
-  if (contours.surfaces.empty() && tubes != scene.streamlines.end())
-    return {tubes->color_by->attribute, tubes->color_by->function};
-  return {scene.attribute, scene.transfer_function};
+  const auto has_its_colors = [](const SceneContour& one) { return one.shown && !one.color && !one.color_by; };
+  if (has_volume || std::ranges::any_of(scene.slices, &SceneSlice::shown) ||
+      std::ranges::any_of(scene.contours, has_its_colors))
+    add(scene.attribute, scene.transfer_function);
+  add_by(scene.contours);
+  add_by(scene.surfaces);
+  add_by(scene.streamlines);
+  if (all.empty()) add(scene.attribute, scene.transfer_function);
+  return all;
 }
 
 }  // namespace splatvol

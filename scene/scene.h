@@ -85,15 +85,15 @@ inline constexpr std::size_t most_contour_values = 256;
 /// Returns the contours of a scene that are shown and not wholly transparent. Requires check_contours.
 [[nodiscard]] Contours contours_of(const Scene& scene);
 
-/// What a scalar bar tells: the attribute by whose values a picture is coloured, and its function.
+/// What a scalar bar tells: an attribute by whose values something is coloured, and the function without densities.
 struct BarColors {
   std::string attribute;
   TransferFunction function;
 };
 
-/// Returns what colours the contours of a scene, or its surfaces, if another attribute does and nothing else is shown:
-/// no density, and no slice. Else returns what colours the volume. Requires check_contours.
-[[nodiscard]] BarColors bar_colors_of(const Scene& scene);
+/// Returns what colours the picture of a scene, each once: first the volume, with slices and contours that have its
+/// colours, then other contours, surfaces and streamlines. That of the volume if nothing is coloured by values.
+[[nodiscard]] std::vector<BarColors> bar_colors_of(const Scene& scene);
 
 /// A plane in world units.
 struct Plane {

@@ -279,8 +279,6 @@ Result<SceneContour> read_contour(const JsonField& field) {
   return contour;
 }
 
-constexpr int most_seeds = 1'000'000;  // along a line or a side, or on a patch
-
 Result<std::vector<dvec3>> corners(const JsonField& field, std::size_t count) {
   if (field.size() != count) return field.wrong("not a list of {} positions", count);
   return field.each(&vector);
@@ -288,7 +286,7 @@ Result<std::vector<dvec3>> corners(const JsonField& field, std::size_t count) {
 
 Status read_number_of_seeds(const JsonField& field, std::size_t& count) {
   if (!field.exists()) return {};
-  SPLATVOL_TRY_SET(count, whole(field, 1, most_seeds));
+  SPLATVOL_TRY_SET(count, whole(field, 1, static_cast<int>(most_seeds)));
   return {};
 }
 

@@ -9,8 +9,6 @@
 namespace splatvol {
 namespace {
 
-constexpr std::size_t most_seeds = 1'000'000;  // along a line or a side, or on a patch
-
 std::vector<std::string_view> parts_of(std::string_view text) {
   std::vector<std::string_view> parts;
   for (std::size_t colon = 0; (colon = text.find(':')) != std::string_view::npos; text.remove_prefix(colon + 1))

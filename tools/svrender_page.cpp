@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "pictures/contrast.h"
+#include "player/scalar_bars.h"
 #include "scene/srgb.h"
 #include "streamer/first/default_scene.h"
 #include "tools/scene_options.h"
@@ -43,17 +44,9 @@ Result<Scene> read_scene(const RenderOptions& options) {
   return scene;
 }
 
-Result<std::string> label_of(const format::Volume& volume, const std::string& name, const std::string& unit) {
-  SPLATVOL_TRY_ASSIGN(index, format::find_attribute(volume.info(), name, volume.name()));
-  format::Attribute shown = volume.info().attributes[static_cast<std::size_t>(index)];
-  if (!unit.empty()) shown.unit = unit;
-  return format::label_of(shown);
-}
-
-Status add_bar(const format::Volume& volume, Composition& composition) {
-  const ScalarBar& bar = composition.scene.scalar_bar;
-  SPLATVOL_TRY(store(label_of(volume, bar_colors_of(composition.scene).attribute, bar.unit), composition.text.bar));
-  composition.text.ticks = bar.ticks;
+Status add_bars(const format::Volume& volume, Composition& composition) {
+  composition.text.ticks = composition.scene.scalar_bar.ticks;
+  SPLATVOL_TRY_SET(composition.text.bars, scalar_bars_of(composition.scene, volume.info(), volume.name()));
   return {};
 }
 
@@ -61,7 +54,7 @@ Status add_bar(const format::Volume& volume, Composition& composition) {
 Status lay_out(Composition& composition, std::array<int, 2> size) {
   PageText text = composition.text;
   if (composition.has_time) text.title = title_with_time(text.title, 0);
-  SPLATVOL_TRY_ASSIGN(page, lay_out_page(size[0], size[1], text, bar_colors_of(composition.scene).function));
+  SPLATVOL_TRY_ASSIGN(page, lay_out_page(size[0], size[1], text));
   composition.page = page;
   composition.scene.width = page.picture_width;
   composition.scene.height = page.picture_height;
@@ -75,9 +68,7 @@ Status fit_scene(const RenderOptions& options, const format::Volume& volume, Com
     SPLATVOL_TRY(store(parse_image_size(options.size), size));
   }
   SPLATVOL_TRY(store(make_scene(options, volume, size), composition.scene));
-  if (options.scalar_bar) {
-    SPLATVOL_TRY(add_bar(volume, composition));
-  }
+  if (options.scalar_bar) SPLATVOL_TRY(add_bars(volume, composition));
   SPLATVOL_TRY(lay_out(composition, size));
   if (composition.page.picture_width == size[0] && composition.page.picture_height == size[1]) return {};
   SPLATVOL_TRY(
@@ -131,9 +122,7 @@ Result<Composition> compose(const RenderOptions& options, const format::Steps& s
     SPLATVOL_TRY(fit_scene(options, *volume, composition));
   } else {
     if (options.planes.are_given()) SPLATVOL_TRY(apply(options.planes, composition.scene));
-    if (options.scalar_bar) {
-      SPLATVOL_TRY(add_bar(*volume, composition));
-    }
+    if (options.scalar_bar) SPLATVOL_TRY(add_bars(*volume, composition));
     SPLATVOL_TRY(lay_out(composition, {composition.scene.width, composition.scene.height}));
   }
   if (composition.scene.outline && !composition.data) {
@@ -156,8 +145,7 @@ Status write_page(const Composition& composition, const View& view, std::optiona
   if (composition.outline) draw_outline(image, view, *composition.outline, transparent ? ink_on_any() : ink);
   PageText text = composition.text;
   if (composition.has_time) text.title = title_with_time(text.title, time.value_or(0));
-  SPLATVOL_TRY_ASSIGN(
-      page, compose_page(composition.page, std::move(image), text, bar_colors_of(scene).function, ink, transparent));
+  SPLATVOL_TRY_ASSIGN(page, compose_page(composition.page, std::move(image), text, ink, transparent));
   return write_image(path, page, scene.background, provenance, composition.transparent);
 }
 

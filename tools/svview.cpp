@@ -262,7 +262,7 @@ Status play(const Options& options) {
   InlineHost host;
   SPLATVOL_TRY_ASSIGN(session, Session::open(std::move(file), host));
   const int count = std::max(1, static_cast<int>(std::lround(path.seconds * options.fps)));
-  SPLATVOL_TRY_ASSIGN(page, lay_out_page(size[0], size[1], {}, {}));
+  SPLATVOL_TRY_ASSIGN(page, lay_out_page(size[0], size[1], {}));
   ProgressBar bar("draw");
   for (int i = 0; i < count; ++i) {
     session->scene.camera = camera_at(path, count > 1 ? static_cast<double>(i) / (count - 1) : 0);

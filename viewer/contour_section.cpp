@@ -61,24 +61,14 @@ void draw_color(Session& session, SceneContour& contour) {
         color_by(scene, contour, attribute);
     ImGui::EndCombo();
   }
-  hint("That of its value among the colours, one, or by the values of another attribute on it");
+  hint("The colour of its value, one colour, or colours by another attribute on it");
   if (!contour.color) return;
-  dvec3& rgb = *contour.color;
-  std::array<float, 3> encoded{};
-  for (int i = 0; i < 3; ++i) encoded[static_cast<std::size_t>(i)] = static_cast<float>(srgb_of(rgb[i]));
-  if (ImGui::ColorEdit3("##rgb", encoded.data()))
-    for (int i = 0; i < 3; ++i) rgb[i] = linear_of(static_cast<double>(encoded[static_cast<std::size_t>(i)]));
+  edit_color("##rgb", *contour.color);
 }
 
 // Why cells give no contour; empty: they do.
 std::string reason_against(const format::VolumeInfo& info) {
   return info.cells ? "" : "The file keeps no cells: build it without --drop-cells.";
-}
-
-// A hint that also tells why a control is off.
-void hint_or_reason(const char* text, const std::string& reason) {
-  if (ImGui::IsItemHovered(ImGuiHoveredFlags_AllowWhenDisabled))
-    ImGui::SetTooltip("%s", reason.empty() ? text : reason.c_str());
 }
 
 }  // namespace
@@ -112,7 +102,7 @@ void ContourSection::draw_size(double value) {
   ImGui::BeginDisabled(!reason.empty() || is_exporting());
   if (ImGui::SmallButton("export")) export_contour(value);
   ImGui::EndDisabled();
-  hint_or_reason("Writes the whole contour to the file below, as svexport does", reason);
+  hint(reason.empty() ? "Writes the whole contour to the file below, as svexport does" : reason.c_str());
   ImGui::SameLine();
   const auto size = measures_.size_of(value);
   const std::string text = !reason.empty() ? ""
@@ -184,7 +174,8 @@ void ContourSection::export_contour(double value) {
   save_.save(path, [this, request] {
     path_ = request.output;
     share_ = std::make_shared<std::atomic<double>>(0);
-    exported_ = {viewer_.host, [request, share = share_] {
+    // A converted file stays in the cache until then.
+    exported_ = {viewer_.host, [request, share = share_, converted = viewer_.session->converted()] {
                    return export_contour_aside(request, [&](double done) { *share = done; });
                  }};
   });

@@ -62,6 +62,8 @@ void LineSection::end() {
   asked_.reset();
   answered_.reset();
   rows_.reset();
+  trouble_.clear();
+  cursor_.reset();
   seen_ = asked_seen_ = {};
 }
 
@@ -183,11 +185,12 @@ bool LineSection::take_answers() {
   if (reading_.is_begun() && reading_.wait()) {
     is_new = true;
     auto rows = reading_.take();
-    const bool is_cancelled = !rows && rows.error().code == ErrorCode::cancelled;
-    answered_ = is_cancelled ? std::nullopt : std::exchange(asked_, {});
-    trouble_ = rows ? "" : rows.error().message;
-    rows_ = rows ? std::optional(*std::move(rows)) : std::nullopt;
-    if (has_rows()) update_plot();
+    if (rows || rows.error().code != ErrorCode::cancelled) {
+      answered_ = std::exchange(asked_, {});
+      trouble_ = rows ? "" : rows.error().message;
+      rows_ = rows ? std::optional(*std::move(rows)) : std::nullopt;
+      if (has_rows()) update_plot();
+    }
   }
   if (lighting_.is_begun() && lighting_.wait()) {
     is_new = true;

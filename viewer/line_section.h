@@ -35,9 +35,10 @@ class LineSection {
 
   /// Takes what jobs have read; false: nothing. Called in each frame.
   bool take_answers();
-  [[nodiscard]] bool is_busy() const {
-    return reading_.is_begun() || reading_steps_.is_begun() || lighting_.is_begun() || saving_.is_begun();
-  }
+  [[nodiscard]] bool is_busy() const { return reading_.is_begun() || lighting_.is_begun(); }
+
+  /// Whether longer jobs are at work.
+  [[nodiscard]] bool has_jobs() const { return reading_steps_.is_begun() || saving_.is_begun(); }
 
   /// Draws the line and the plots, and asks for what they lack. `is_at_rest`: the picture is not about to change. The
   /// part of the line that something hides is faint, where cells tell it. `over_picture`: the pointer is not over a

@@ -109,7 +109,7 @@ void MeasureSection::draw_vector() {
   const char* const text = !is_surface       ? "A flux is through a contour or a slice."
                            : vectors.empty() ? "The file has no vector: no attributes NAME[0], NAME[1], NAME[2]."
                                              : "Along the normal of a slice; through a contour to lower values";
-  if (ImGui::IsItemHovered(ImGuiHoveredFlags_AllowWhenDisabled)) ImGui::SetTooltip("%s", text);
+  hint(text);
 }
 
 void MeasureSection::draw_ranges() {
@@ -152,7 +152,7 @@ void MeasureSection::draw_begin() {
                                ? "All attributes, over the cells in the clip box, the clip planes and the "
                                  "ranges:\nvolume or area, mean, least and greatest value"
                                : "The file keeps no cells: build it without --drop-cells.";
-  if (ImGui::IsItemHovered(ImGuiHoveredFlags_AllowWhenDisabled)) ImGui::SetTooltip("%s", text);
+  hint(text);
 }
 
 void MeasureSection::draw() {

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "player/camera_motion.h"
+#include "viewer/window/gui_units.h"
 
 namespace splatvol {
 
@@ -44,10 +45,9 @@ void MovieSection::draw() {
   ImGui::BeginDisabled(filming_ || save_.saving() || frame_count() == 0);
   if (ImGui::SmallButton("save movie (.mp4)")) save_movie();
   ImGui::EndDisabled();
-  if (ImGui::IsItemHovered(ImGuiHoveredFlags_AllowWhenDisabled))
-    ImGui::SetTooltip(
-        "Each frame is as fine as the picture at rest. Size, title and scalar bar: as in \"save\".\n"
-        "A path needs two views. Steps run from a number to the same or a larger one.");
+  hint(
+      "Each frame is as fine as the picture at rest. Size, title and scalar bar: as in \"save\".\n"
+      "A path needs two views. Steps run from a number to the same or a larger one.");
 }
 
 // 0: there is no such movie.

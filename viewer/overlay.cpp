@@ -11,6 +11,8 @@
 namespace splatvol {
 namespace {
 
+constexpr float bar_room = 90;  // that a scalar bar takes with its words, in units of the interface
+
 ImDrawList& canvas() { return *ImGui::GetBackgroundDrawList(); }
 
 // Returns a place in the window, within single precision however far outside it lies. `pixel`: of the picture.
@@ -29,6 +31,40 @@ void draw_edges(const View& view, const Box& box, ImU32 color, const PictureArea
       if (!(c & axis))
         if (const auto line = project(view, corner(c), corner(c | axis)))
           canvas().AddLine(in_window(line->from, area), in_window(line->to, area), color, gui_unit());
+}
+
+// `right`: the end of its words.
+void draw_scalar_bar(const PageBar& bar, int ticks_wanted, const dvec3& ink, float right, const PictureArea& area) {
+  const TransferFunction& function = bar.function;
+  const float u = gui_unit();
+  const float above = 30 * u, below = 26 * u, width = 14 * u;
+  const float height = std::min(180 * u, static_cast<float>(area.height) - above - below);
+  if (height < 40 * u) return;
+  const ImVec2 low(right - bar_room * u, static_cast<float>(area.height) - height - below);
+  constexpr int stripes = 64;
+  const auto y = [&](double t) { return low.y + static_cast<float>(1 - t) * height; };
+  for (int i = 0; i < stripes; ++i)
+    canvas().AddRectFilled({low.x, y((i + 1.0) / stripes)}, {low.x + width, y(double(i) / stripes)},
+                           gui_color(function.color_at((i + 0.5) / stripes)));
+  const ImU32 color = gui_color(ink), halo = gui_color(dvec3(1) - ink) & ~IM_COL32(0, 0, 0, 128);
+  canvas().AddRect(low, {low.x + width, low.y + height}, color);
+  const auto write = [&](const ImVec2& at, const std::string& text) {
+    for (const ImVec2& shift : {ImVec2(1, 0), ImVec2(-1, 0), ImVec2(0, 1), ImVec2(0, -1)})
+      canvas().AddText({at.x + shift.x, at.y + shift.y}, halo, text.c_str());
+    canvas().AddText(at, color, text.c_str());
+  };
+  const Ticks ticks = ticks_of(function, height < 100 * u ? std::min(ticks_wanted, 3) : ticks_wanted);
+  const float half_line = ImGui::GetFontSize() / 2;
+  for (const Tick& tick : ticks.list) {
+    const double t = function.t_of(tick.value);
+    canvas().AddLine({low.x + width, y(t)}, {low.x + width + 4 * u, y(t)}, color, u);
+    write({low.x + width + 7 * u, y(t) - half_line}, tick.label);
+  }
+  const auto write_within = [&](float at_y, const std::string& text) {
+    write({std::min(low.x, right - ImGui::CalcTextSize(text.c_str()).x - 8 * u), at_y}, text);
+  };
+  if (!ticks.factor.empty()) write_within(low.y + height + 3 * u, ticks.factor);
+  write_within(low.y - 22 * u, bar.label);
 }
 
 }  // namespace
@@ -74,38 +110,16 @@ void draw_axes(const View& view, const PictureArea& area) {
   }
 }
 
-void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, int ticks_wanted,
-                     const dvec3& ink, const PictureArea& area) {
-  const float u = gui_unit();
-  const float above = 30 * u, below = 26 * u, width = 14 * u;
-  const float height = std::min(180 * u, static_cast<float>(area.height) - above - below);
-  if (height < 40 * u) return;
-  const auto right = static_cast<float>(area.left + area.width);
-  const ImVec2 low(right - 90 * u, static_cast<float>(area.height) - height - below);
-  constexpr int stripes = 64;
-  const auto y = [&](double t) { return low.y + static_cast<float>(1 - t) * height; };
-  for (int i = 0; i < stripes; ++i)
-    canvas().AddRectFilled({low.x, y((i + 1.0) / stripes)}, {low.x + width, y(double(i) / stripes)},
-                           gui_color(function.color_at((i + 0.5) / stripes)));
-  const ImU32 color = gui_color(ink), halo = gui_color(dvec3(1) - ink) & ~IM_COL32(0, 0, 0, 128);
-  canvas().AddRect(low, {low.x + width, low.y + height}, color);
-  const auto write = [&](const ImVec2& at, const std::string& text) {
-    for (const ImVec2& shift : {ImVec2(1, 0), ImVec2(-1, 0), ImVec2(0, 1), ImVec2(0, -1)})
-      canvas().AddText({at.x + shift.x, at.y + shift.y}, halo, text.c_str());
-    canvas().AddText(at, color, text.c_str());
-  };
-  const Ticks ticks = ticks_of(function, height < 100 * u ? std::min(ticks_wanted, 3) : ticks_wanted);
-  const float half_line = ImGui::GetFontSize() / 2;
-  for (const Tick& tick : ticks.list) {
-    const double t = function.t_of(tick.value);
-    canvas().AddLine({low.x + width, y(t)}, {low.x + width + 4 * u, y(t)}, color, u);
-    write({low.x + width + 7 * u, y(t) - half_line}, tick.label);
+void draw_scalar_bars(std::span<const PageBar> bars, int ticks, const dvec3& ink, const PictureArea& area) {
+  const auto half = static_cast<float>(area.left + area.width / 2);
+  auto right = static_cast<float>(area.left + area.width);
+  for (const PageBar& bar : bars) {
+    const float left =
+        right - std::max(bar_room, ImGui::CalcTextSize(bar.label.c_str()).x / gui_unit() + 16) * gui_unit();
+    if (&bar != bars.data() && left < half) return;
+    draw_scalar_bar(bar, ticks, ink, right, area);
+    right = left;
   }
-  const auto write_within = [&](float at_y, const std::string& text) {
-    write({std::min(low.x, right - ImGui::CalcTextSize(text.c_str()).x - 8 * u), at_y}, text);
-  };
-  if (!ticks.factor.empty()) write_within(low.y + height + 3 * u, ticks.factor);
-  write_within(low.y - 22 * u, label_of(attribute));
 }
 
 void draw_message(const std::string& text, const PictureArea& area) {

@@ -5,7 +5,7 @@
 #include <span>
 #include <string>
 
-#include "format/volume_info.h"
+#include "pictures/page.h"
 #include "scene/scene.h"
 #include "streamer/splats/streamer.h"
 
@@ -27,9 +27,8 @@ void draw_cut(const View& view, std::span<const DrawnNode> nodes, std::size_t re
 /// Draws the world's axes as the camera sees them, in the picture's lower left corner.
 void draw_axes(const View& view, const PictureArea& area);
 
-/// Draws colours and values of a transfer function, at the right edge; words in `ink`.
-void draw_scalar_bar(const TransferFunction& function, const format::Attribute& attribute, int ticks, const dvec3& ink,
-                     const PictureArea& area);
+/// Draws scalar bars beside each other at the right edge, as many as half of the picture has room for; words in `ink`.
+void draw_scalar_bars(std::span<const PageBar> bars, int ticks, const dvec3& ink, const PictureArea& area);
 
 /// Draws a text in the middle of the picture.
 void draw_message(const std::string& text, const PictureArea& area);

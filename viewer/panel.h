@@ -58,7 +58,8 @@ class Panel {
 
   /// Whether jobs of sections are at work, of which they tell.
   [[nodiscard]] bool has_jobs() const {
-    return mesh.is_saving() || contours.is_exporting() || contours.is_measuring() || measure.is_begun();
+    return mesh.is_saving() || contours.is_exporting() || contours.is_measuring() || measure.is_begun() ||
+           line.has_jobs();
   }
 
   SaveSection save;

@@ -159,11 +159,10 @@ Result<SaveSection::Layout> SaveSection::lay_out(const std::string& path) const 
     layout.text.title = title_.text();
     const std::vector<double>& times = session.times();
     if (saves_time_ && times.size() > 1) layout.text.title = title_with_time(layout.text.title, times[session.step()]);
-    if (saves_bar_) layout.text.bar = label_of(session.bar_attribute());
+    if (saves_bar_) layout.text.bars = session.scalar_bars();
     layout.text.ticks = session.scene.scalar_bar.ticks;
   }
-  SPLATVOL_TRY_SET(layout.page,
-                   lay_out_page(size[0], size[1], layout.text, bar_colors_of(session.drawn_scene()).function));
+  SPLATVOL_TRY_SET(layout.page, lay_out_page(size[0], size[1], layout.text));
   return layout;
 }
 

@@ -125,6 +125,7 @@ void draw_seeds(const Session& session, Seeds& seeds) {
   std::vector<std::string> words = {"on a line", "on a rectangle"}, patches;
   if (session.info().boundary)
     for (const format::PatchInfo& patch : session.info().boundary->patches) {
+      if (patch.triangles == 0) continue;
       patches.push_back(patch.name);
       words.push_back("on " + patch.name);
     }
@@ -218,7 +219,7 @@ void StreamlineControls::draw_panel(Session& session) {
     if (all[i].shown && i < counts.size() && counts[i].seeds > 0)
       ImGui::Text("%zu lines of %zu seeds%s", counts[i].lines, counts[i].seeds,
                   session.is_following() ? ", more to come" : "");
-    if (selected_ == i) draw_selected(session, all[i]);
+    if (selected_ == i && why.empty()) draw_selected(session, all[i]);
     ImGui::PopID();
   }
   if (removed) {
@@ -242,8 +243,7 @@ void StreamlineControls::draw_handles(const Scene& scene, const View& view, cons
     canvas.AddLine(*from, *to, dark, 4 * unit);
     canvas.AddLine(*from, *to, color, 2 * unit);
   }
-  const auto* rectangle = std::get_if<SeedRectangle>(&seeds);
-  if (!rectangle || rectangle->counts[0] * rectangle->counts[1] <= most_seeds_drawn)
+  if (count_of(seeds) <= most_seeds_drawn)
     for (const dvec3& seed : positions_on(seeds))
       if (const auto at = projection.at(seed)) canvas.AddCircleFilled(*at, seed_radius * unit, white);
   const std::vector<dvec3> handles = handles_of(seeds);

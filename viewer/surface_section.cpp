@@ -102,9 +102,10 @@ void draw_near_side(const Chosen& chosen) {
     for (SceneSurface* surface : chosen)
       if (!surface->boundary.empty()) surface->near_side = static_cast<NearSide>(side);
   ImGui::EndDisabled();
-  hint(patch == chosen.end() ? "A file of a surface does not tell where cells are."
-                             : "What lies between the eye and the cells behind it: the front of the outer walls, and "
-                               "nothing of a body in the flow");
+  hint(patch == chosen.end()
+           ? "A file of a surface does not tell where cells are."
+           : "Parts between the eye and the cells behind them: the front of the outer walls, and nothing "
+             "of a body in the flow");
 }
 
 }  // namespace
@@ -117,7 +118,7 @@ void SurfaceSection::draw_row(Session& session, const Row& row) {
   const bool checked = ImGui::Checkbox("##shown", &shown);
   ImGui::SameLine();
   const bool clicked = draw_name(row.name, is_selected);
-  hint("What it looks like is set below the list.\nAnother click: that of all surfaces that are shown.");
+  hint("Its look is set below the list.\nAnother click: the look of all surfaces that are shown.");
   if (!checked && !clicked) return;
   const std::size_t number = row.surface.value_or(surfaces.size());
   if (!row.surface) surfaces.push_back({.boundary = row.name, .near_side = NearSide::hidden});

@@ -30,7 +30,10 @@ Viewer::Viewer(const ViewerOptions& options)
   state_.window = options.window;
 }
 
-Viewer::~Viewer() = default;
+Viewer::~Viewer() {
+  panel_.contours.stop_exporting();
+  close();
+}
 
 // The file is read while the interface is prepared.
 Result<std::unique_ptr<Viewer>> Viewer::create(const ViewerOptions& options) {
@@ -531,8 +534,7 @@ void Viewer::draw_overlays() {
   panel_.streamlines.draw_handles(session->scene, view, area);
   if (shown.axes) draw_axes(view, area);
   if (shown.scalar_bar)
-    draw_scalar_bar(bar_colors_of(session->drawn_scene()).function, session->bar_attribute(),
-                    session->scene.scalar_bar.ticks, ink_on(session->scene.background), area);
+    draw_scalar_bars(session->scalar_bars(), session->scene.scalar_bar.ticks, ink_on(session->scene.background), area);
   if (const std::string reason = session->explain(); !reason.empty()) draw_message(reason, area);
   canvas.PopClipRect();
   if (shown.hud) hud_bottom_ = draw_hud(state_, frame_seconds_);

@@ -57,18 +57,23 @@ Script press(const std::string& name, const std::vector<int>& codes) {
   return script;
 }
 
-// A pointer that drags in the panel, and the opacity from 1 to .3, to 3, and back to 1.
-Script slide_opacity(const std::string& name) {
+// A pointer that drags in the panel, to the right, to the left, and back. act(wave): what it does, from -1 to 1.
+template <class DoAct>
+Script slide(const std::string& name, const DoAct& act) {
   Script script{name, {}, {{0, drag_seconds}}};
   const int steps = static_cast<int>(drag_seconds * pointer_rate);
   for (int i = 1; i <= steps; ++i) {
     const double share = static_cast<double>(i) / steps;
     const double wave = std::sin(2 * std::numbers::pi * share);
-    script.acts.push_back(
-        {drag_seconds * share, PointerMoved{100 + 60 * wave, 300}, std::pow(wave < 0 ? 3 : 1 / 0.3, -wave)});
+    Act& done = script.acts.emplace_back(Act{drag_seconds * share, PointerMoved{100 + 60 * wave, 300}});
+    act(wave, done);
   }
   return script;
 }
+
+// From 1 to .3, to 3, and back to 1.
+void change_opacity(double wave, Act& act) { act.opacity = std::pow(wave < 0 ? 3 : 1 / 0.3, -wave); }
+void change_contour(double wave, Act& act) { act.contour = 0.1 * wave; }
 
 // Space begins to play, and ends it.
 Script play(const std::string& name) {
@@ -82,7 +87,8 @@ Script play(const std::string& name) {
 }  // namespace
 
 const std::vector<std::string>& script_names() {
-  static const std::vector<std::string> names = {"first", "turn", "back", "in", "out", "keys", "opacity", "play"};
+  static const std::vector<std::string> names = {"first", "turn",    "back",    "in",  "out",
+                                                 "keys",  "opacity", "contour", "play"};
   return names;
 }
 
@@ -96,8 +102,8 @@ Script script_of(const std::string& name, const PicturePlace& picture) {
                   : name == "out"  ? zoom(name, picture, -1)
                   : name == "keys" ? press(name, {'1', '2', '3', 'R'})
                   : name == "play" ? play(name)
-                                   : slide_opacity(name);
-  script.begins_at_scene = name == "turn" || name == "in" || name == "keys" || name == "opacity";
+                                   : slide(name, name == "contour" ? change_contour : change_opacity);
+  script.begins_at_scene = name != "first" && name != "back" && name != "out" && name != "play";
   return script;
 }
 

@@ -15,6 +15,7 @@ struct Act {
   double seconds = 0;  // since the script's start
   std::optional<Event> event = {};
   std::optional<double> opacity = {};  // factor on the opacity that the scene had at the start
+  std::optional<double> contour = {};  // added to its first contour's value, as a share of the attribute's range
 };
 
 /// While a hand moves, in seconds since the script's start.
@@ -36,7 +37,7 @@ struct PicturePlace {
   double left, width, height;
 };
 
-/// Names of scripts: first, turn, back, in, out, keys, opacity, play; in this order.
+/// Names of scripts: first, turn, back, in, out, keys, opacity, contour, play; in this order.
 [[nodiscard]] const std::vector<std::string>& script_names();
 
 /// Returns the script of a name, which must be one of script_names().

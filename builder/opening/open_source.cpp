@@ -4,7 +4,6 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <array>
 #include <filesystem>
 #include <iterator>
 #include <map>
@@ -168,39 +167,53 @@ Result<ArraysOfParts> list_arrays_of(const InputFile& file) {
   return ArraysOfParts(1, std::move(arrays));
 }
 
-/// The formats whose files are read each by itself, but XML.
-constexpr std::array<std::pair<InputFormat, FileReader>, 8> readers = {{
-    {InputFormat::vtk_legacy, {open_legacy, list_arrays_of<legacy_arrays>}},
-    {InputFormat::vtkhdf, {open_vtkhdf}},
-    {InputFormat::exodus, {open_exodus}},
-    {InputFormat::cgns, {open_cgns}},
-    {InputFormat::ensight, {open_ensight, list_arrays_of<ensight_arrays>}},
-    {InputFormat::openfoam, {open_openfoam}},
-    {InputFormat::gmsh, {open_gmsh, list_gmsh_arrays}},
-    {InputFormat::su2, {open_su2, list_su2_arrays}},
-}};
-
+// The readers of meshes. A format that is not here does not compile without a warning.
 Status append_file(const std::string& path, std::vector<InputFile>& files, KnownFiles& known, int nesting) {
   SPLATVOL_TRY_ASSIGN(header, known.header(path));
   if (!header.format && is_foreign(path)) return fail(ErrorCode::unsupported, "{}: {}", path, way_out(path));
   if (!header.format)
     return fail(ErrorCode::invalid_data, "{}: not a VTK file (neither \"<VTKFile\" nor \"# vtk DataFile\" in it)",
                 path);
-  if (header.format == InputFormat::vtk_parallel) return append_pieces(path, header, files, known);
-  if (header.format == InputFormat::vtk_blocks) return append_composite(path, header, files, known, nesting);
-  if (header.format == InputFormat::vtk_series)
-    return fail(ErrorCode::invalid_argument, "{}: a series of files must be the only input", path);
-  if (header.format == InputFormat::vtk_xml) {
-    SPLATVOL_TRY_ASSIGN(file, identify_xml(path, header));
-    files.push_back(std::move(file));
+  const auto append = [&](const FileReader& reader) -> Status {
+    files.push_back({path, reader});
     return {};
+  };
+  switch (*header.format) {
+    case InputFormat::vtk_parallel:
+      return append_pieces(path, header, files, known);
+    case InputFormat::vtk_blocks:
+      return append_composite(path, header, files, known, nesting);
+    case InputFormat::vtk_series:
+      return fail(ErrorCode::invalid_argument, "{}: a series of files must be the only input", path);
+    case InputFormat::vtk_xml: {
+      SPLATVOL_TRY_ASSIGN(file, identify_xml(path, header));
+      files.push_back(std::move(file));
+      return {};
+    }
+    case InputFormat::vtk_legacy:
+      if (newer_than(header, 5, 1)) return fail_version(path, header, "5.1");
+      return append({open_legacy, list_arrays_of<legacy_arrays>});
+    case InputFormat::vtkhdf:
+      return append({open_vtkhdf});
+    case InputFormat::exodus:
+      return append({open_exodus});
+    case InputFormat::cgns:
+      return append({open_cgns});
+    case InputFormat::ensight:
+      return append({open_ensight, list_arrays_of<ensight_arrays>});
+    case InputFormat::openfoam:
+      return append({open_openfoam});
+    case InputFormat::gmsh:
+      return append({open_gmsh, list_gmsh_arrays});
+    case InputFormat::su2:
+      return append({open_su2, list_su2_arrays});
+    case InputFormat::plot3d:
+    case InputFormat::openvdb:
+    case InputFormat::numpy:
+    case InputFormat::table:
+      break;
   }
-  if (header.format == InputFormat::vtk_legacy && newer_than(header, 5, 1)) return fail_version(path, header, "5.1");
-  const auto* row = std::ranges::find(readers, *header.format, &std::pair<InputFormat, FileReader>::first);
-  if (row == readers.end())
-    return fail(ErrorCode::invalid_argument, "{}: a file of {} among meshes", path, name_of(*header.format));
-  files.push_back({path, row->second});
-  return {};
+  return fail(ErrorCode::invalid_argument, "{}: a file of {} among meshes", path, name_of(*header.format));
 }
 
 /// Files that a list names, each once.

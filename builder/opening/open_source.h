@@ -15,7 +15,7 @@ namespace splatvol {
 /// Opens an input of any format:
 /// - VTK files (.vtu, .pvtu, .vts, .vtr, .vti, .vtp, legacy .vtk); several are pieces of one data set.
 /// - Exodus, EnSight, OpenFOAM and CGNS files, known by their extensions; they count as VTK files, and their blocks are
-///   pieces (builder/sources/vtk/blocks.h).
+///   pieces (builder/sources/data_sets.h).
 /// - .npy files; several are one point set (builder/sources/numpy/npy_source.h).
 /// - .csv and .tsv files; several are one point set (builder/sources/csv/csv_source.h).
 /// - a PLOT3D grid and its solution, as two paths in this order.

@@ -86,8 +86,7 @@ struct SceneColoring {
   [[nodiscard]] bool operator==(const SceneColoring&) const = default;
 };
 
-/// What is drawn of the triangles of a patch that are between the eye and the cells behind them: their outside, where
-/// no cell is, looks at the eye.
+/// How triangles of a patch on the near side are drawn. Their outside, where no cell is, faces the eye.
 enum class NearSide {
   shown,        // as all others
   translucent,  // with a quarter of the surface's opacity

@@ -37,6 +37,9 @@ struct SeedPatch {
   [[nodiscard]] bool operator==(const SeedPatch&) const = default;
 };
 
+/// Most seeds of a request.
+inline constexpr std::size_t most_seeds = 1'000'000;
+
 /// Where streamlines begin: at positions in world units, or at those of a shape.
 using Seeds = std::variant<std::vector<dvec3>, SeedLine, SeedRectangle, SeedPatch>;
 

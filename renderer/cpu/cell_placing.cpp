@@ -25,17 +25,22 @@ void sort_keys(std::vector<std::uint64_t>& keys, std::vector<std::uint64_t>& scr
   }
 }
 
-// A cell in view coordinates.
+// A cell in view coordinates, for all fields in it.
 struct CellInSpace {
-  std::array<dvec3, 4> corners;
+  explicit CellInSpace(const std::array<dvec3, 4>& of_corners)
+      : corners(of_corners),
+        across{glm::cross(edge(2), edge(3)), glm::cross(edge(3), edge(1)), glm::cross(edge(1), edge(2))},
+        volume(glm::dot(edge(1), across[0])) {}
 
-  [[nodiscard]] double volume() const { return glm::dot(edge(1), glm::cross(edge(2), edge(3))); }
   // Times the volume.
   [[nodiscard]] dvec3 gradient(const std::array<double, 4>& values) const {
-    return (values[1] - values[0]) * glm::cross(edge(2), edge(3)) +
-           (values[2] - values[0]) * glm::cross(edge(3), edge(1)) +
-           (values[3] - values[0]) * glm::cross(edge(1), edge(2));
+    return (values[1] - values[0]) * across[0] + (values[2] - values[0]) * across[1] +
+           (values[3] - values[0]) * across[2];
   }
+
+  std::array<dvec3, 4> corners;  // what follows is made of them
+  std::array<dvec3, 3> across;   // products of edges
+  double volume;
 
  private:
   [[nodiscard]] dvec3 edge(std::size_t corner) const { return corners[corner] - corners[0]; }
@@ -101,8 +106,7 @@ void set_light(const View& view, const dvec3& gradient, const std::optional<dvec
 
 FieldOnScreen field_in(const View& view, const CellInSpace& cell, const std::array<double, 4>& values,
                        const std::optional<dvec3>& reference, const DepthOrigin& origin) {
-  const double volume = cell.volume();
-  const dvec3 slope = volume == 0 ? dvec3(0) : cell.gradient(values) / volume;
+  const dvec3 slope = cell.volume == 0 ? dvec3(0) : cell.gradient(values) / cell.volume;
   FieldOnScreen field{};
   field.low = static_cast<float>(std::ranges::min(values)), field.high = static_cast<float>(std::ranges::max(values));
   field.at = nearest_float(values[0] + glm::dot(slope, reference.value_or(dvec3(0)) - cell.corners[0]));
@@ -294,8 +298,8 @@ void shade_cells(const CellFrame& frame, const Tetrahedra& cells, std::span<cons
     const bool has_contours = frame.events && screen.events[i].has_contours();
     if (!frame.has_shades() && !has_contours) continue;
     const auto number = static_cast<std::size_t>(setup.numbers[i]);
-    CellInSpace cell;
-    for (std::size_t k = 0; k < 4; ++k) cell.corners[k] = setup.in_view[cells.corners[number][k]];
+    const auto [a, b, c, d] = cells.corners[number];
+    const CellInSpace cell({setup.in_view[a], setup.in_view[b], setup.in_view[c], setup.in_view[d]});
     CellShading& shading = screen.shadings[i];
     shading = {};
     const std::optional<dvec3> reference = set_reference(frame, cell, screen.origin, shading);

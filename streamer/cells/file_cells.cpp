@@ -367,9 +367,9 @@ Result<double> FileCells::estimate_segments() const {
       const auto chunk = static_cast<std::size_t>(std::ranges::lower_bound(end_of, middle) - end_of.begin());
       read.emplace_back(chunks_[std::min(chunk, chunks_.size() - 1)].number, all / static_cast<double>(most_read));
     }
-  std::vector<std::uint64_t> numbers;
-  for (const auto& [number, stands_for] : read) numbers.push_back(number);
-  SPLATVOL_TRY_ASSIGN(ahead, read_ahead(numbers));
+  std::vector<format::CellChunkEntry> entries;
+  for (const auto& [number, stands_for] : read) entries.push_back(entries_[number]);
+  SPLATVOL_TRY_ASSIGN(ahead, kept_->read_ahead(entries));
   double segments = 0;
   for (const auto& [number, stands_for] : read) {
     SPLATVOL_TRY(check_interruption());

@@ -128,14 +128,14 @@ TEST(Font, WritesWordsAndAnyBytes) {
 
 TEST(Page, LeavesThePictureItsOwnPlace) {
   for (const auto& [width, height] : {std::pair{120, 90}, std::pair{512, 512}, std::pair{3000, 1200}}) {
-    const PageText text{"Flow past a wing", "p [Pa]"};
-    const auto page = value_of(lay_out_page(width, height, text, ramp(0, 1)));
+    const PageText text{"Flow past a wing", {{"p [Pa]", ramp(0, 1)}}};
+    const auto page = value_of(lay_out_page(width, height, text));
     EXPECT_EQ(page.width, width);
     EXPECT_GE(2 * page.picture_width, width);
     EXPECT_EQ(page.top + page.picture_height, height);
     const auto count = static_cast<std::size_t>(page.picture_width) * page.picture_height;
     const Image picture{page.picture_width, page.picture_height, std::vector<vec4>(count, vec4(0, 1, 0, 1))};
-    const auto image = value_of(compose_page(page, picture, text, ramp(0, 1), dvec3(1)));
+    const auto image = value_of(compose_page(page, picture, text, dvec3(1)));
     const auto green = std::ranges::count(image.pixels, vec4(0, 1, 0, 1));
     EXPECT_EQ(static_cast<std::size_t>(green), count);  // nothing covers the volume
     bool red = false, blue = false;
@@ -145,8 +145,19 @@ TEST(Page, LeavesThePictureItsOwnPlace) {
     }
     EXPECT_TRUE(red && blue);  // both ends of the bar
   }
-  EXPECT_FALSE(lay_out_page(20, 20, {"t", "p"}, ramp(0, 1)));
-  EXPECT_EQ(lay_out_page(64, 48, {}, ramp(0, 1))->picture_width, 64);
+  EXPECT_FALSE(lay_out_page(20, 20, {"t", {{"p", ramp(0, 1)}}}));
+  EXPECT_EQ(lay_out_page(64, 48, {})->picture_width, 64);
+}
+
+TEST(Page, HasABarBesideTheOther) {
+  const PageText one{"", {{"p [Pa]", ramp(0, 1)}}}, two{"", {{"p [Pa]", ramp(0, 1)}, {"a longer name", ramp(0, 9)}}};
+  const Page page = value_of(lay_out_page(512, 512, two));
+  EXPECT_LT(page.picture_width, value_of(lay_out_page(512, 512, one)).picture_width - 30);
+  const Image picture{page.picture_width, 512, std::vector<vec4>(static_cast<std::size_t>(page.picture_width) * 512)};
+  const Image image = value_of(compose_page(page, picture, two, dvec3(1)));
+  int bars = 0;  // in the middle row: where red and blue meet
+  for (int x = 1; x < 512; ++x) bars += image.at(x, 256).b > 0.2f && image.at(x - 1, 256).b < 0.2f ? 1 : 0;
+  EXPECT_EQ(bars, 2);
 }
 
 TEST(Page, OutlinesAreBehindAndInFrontOfTheVolume) {
@@ -163,14 +174,13 @@ TEST(Page, OutlinesAreBehindAndInFrontOfTheVolume) {
 }
 
 TEST(Page, WordsWithAHaloAreReadOnAnyBackground) {
-  const TransferFunction function = ramp(0, 1);
-  const PageText text{"Title", "p [Pa]"};
-  const Page page = lay_out_page(1600, 1200, text, function).value();
+  const PageText text{"Title", {{"p [Pa]", ramp(0, 1)}}};
+  const Page page = lay_out_page(1600, 1200, text).value();
   const Image picture{page.picture_width, page.picture_height,
                       std::vector<vec4>(static_cast<std::size_t>(page.picture_width) * page.picture_height)};
   for (const dvec3& ink : {dvec3(0), dvec3(1)}) {
-    const Image plain = compose_page(page, picture, text, function, ink).value();
-    const Image image = compose_page(page, picture, text, function, ink, true).value();
+    const Image plain = compose_page(page, picture, text, ink).value();
+    const Image image = compose_page(page, picture, text, ink, true).value();
     // Round each dark stroke there are bright pixels, and the other way round.
     const auto count = [&](const Image& of, double brightness) {
       std::size_t found = 0;

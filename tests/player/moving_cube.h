@@ -10,12 +10,15 @@
 
 namespace splatvol::test {
 
-/// Writes a cube in which all moves along x, with the attributes U[0], U[1], U[2] and speed.
-inline void write_moving(const std::string& path) {
+/// Writes a cube in which all moves along an axis, with the attributes U[0], U[1], U[2] and speed.
+inline void write_moving(const std::string& path, int along = 0) {
   const Mesh mesh = lattice(8);
-  Piece piece = mesh_piece(mesh, [](dvec3 p) { return 1 + p.x; });
-  for (int axis = 0; axis < 2; ++axis) piece.values.push_back(mesh_piece(mesh, [](dvec3) { return 0.0; }).values[0]);
-  piece.values.push_back(mesh_piece(mesh, [](dvec3 p) { return 1 + p.x; }).values[0]);
+  const auto speed = [](dvec3 p) { return 1 + p.x; };
+  Piece piece = mesh_piece(mesh, speed);
+  const auto moving = piece.values[0], resting = mesh_piece(mesh, [](dvec3) { return 0.0; }).values[0];
+  piece.values.assign(3, resting);
+  piece.values[static_cast<std::size_t>(along)] = moving;
+  piece.values.push_back(moving);
   PieceSource source({piece}, {.attributes = {"U[0]", "U[1]", "U[2]", "speed"}});
   require(build_volume(source, path, {.keep_cells = true}, [](const char*, double) {}));
 }

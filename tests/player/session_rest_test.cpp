@@ -167,7 +167,7 @@ TEST_F(SessionAtRest, TheOutlineIsBehindTheVolume) {
   session->scene.outline = true;
   const auto with_outline = shown();
   EXPECT_EQ(session->shown_number(), number) << "the same picture";
-  const Page page = lay_out_page(200, 150, {}, {}).value();
+  const Page page = lay_out_page(200, 150, {}).value();
   EXPECT_EQ(with_outline, bytes_of(session->page(page, {}).value()));
   EXPECT_NE(with_outline, bytes_of(picture));
 }

@@ -115,6 +115,22 @@ TEST_F(Streamlines, ComeToASession) {
   EXPECT_EQ(compare_images(settled(*session), with)->max, 0);
 }
 
+// Each step of this series is a file.
+TEST_F(Streamlines, AreThoseOfTheStep) {
+  write_moving(path("s-0.svol"));
+  write_moving(path("s-1.svol"), 1);
+  write("s.svols", R"({"steps": [{"time": 0, "file": "s-0.svol"}, {"time": 1, "file": "s-1.svol"}],
+    "attributes": [{"name": "speed", "unit": "", "min": 1, "max": 2}]})");
+  const auto series = open(path("s.svols"));
+  series->scene.streamlines = {some()};
+  const Image last = settled(*series);
+  ASSERT_TRUE(series->show_step(0));
+  const Image first = settled(*series);
+  EXPECT_GT(compare_images(first, last)->rmse, 0.01);
+  ASSERT_TRUE(series->show_step(1));
+  EXPECT_EQ(compare_images(settled(*series), last)->max, 0);
+}
+
 TEST_F(Streamlines, ThatCannotBeAreAnError) {
   Scene with = scene();
   with.streamlines = {some()};

@@ -231,11 +231,15 @@ TEST_F(StreamlinesOfCells, ReadOnlyChunksOnTheirWay) {
 
 TEST_F(StreamlinesOfCells, BeginAtShapes) {
   build_vectors(lattice(2), [](const dvec3&) { return dvec3(1, 0, 0); });
-  const auto seeds = [&](const Seeds& of) { return value_of(positions_of(of, *volume_)); };
+  const auto seeds = [&](const Seeds& of) { return value_of(positions_of(of, *volume_, 1 << 20)); };
   EXPECT_EQ(seeds(SeedLine{dvec3(0), dvec3(1, 0, 0), 3}), (std::vector{dvec3(0), dvec3(0.5, 0, 0), dvec3(1, 0, 0)}));
   EXPECT_EQ(seeds(SeedLine{dvec3(0), dvec3(1, 0, 0), 1}), (std::vector{dvec3(0.5, 0, 0)}));
   EXPECT_EQ(seeds(SeedRectangle{dvec3(0), dvec3(1, 0, 0), dvec3(0, 2, 0), {2, 3}}),
             (std::vector{dvec3(0), dvec3(1, 0, 0), dvec3(0, 1, 0), dvec3(1, 1, 0), dvec3(0, 2, 0), dvec3(1, 2, 0)}));
+  build_vectors(lattice(2), [](const dvec3&) { return dvec3(1, 0, 0); },
+                {.boundary_triangles = 1000, .keep_cells = true});
+  EXPECT_EQ(seeds(SeedPatch{"side x-", 6}).size(), 6U);
+  EXPECT_THAT(message_of(positions_of(SeedPatch{"side x-", 6}, *volume_, 64)), HasSubstr("memory has room for 64"));
 }
 
 TEST_F(StreamlinesOfCells, BadRequestsAreRefused) {

@@ -215,20 +215,34 @@ TEST(ParseScene, NamesTheWrongPartOfStreamlines) {
   refuses("/seeds", {{"positions", json::array()}}, ".seeds.positions: not a list");
 }
 
-// The scalar bar of a picture of contours alone tells what colours them.
-TEST(BarColors, AreThoseOfContoursThatAreShownAlone) {
+// Whatever is coloured by values has a scalar bar.
+TEST(BarColors, AreThoseOfAllThatIsShown) {
   const json coloring = {{"attribute", "T"}, {"domain", {1, 100}}, {"colors", {{0, 0, 0, 1}}}};
   Scene scene = value_of(parse_scene(changed("/contours", {{{"values", {3}}, {"color_by", coloring}}})));
-  EXPECT_EQ(bar_colors_of(scene).attribute, scene.attribute) << "the volume is shown, too";
-  EXPECT_EQ(bar_colors_of(scene).function, scene.transfer_function);
+  const auto attributes = [&] {
+    std::vector<std::string> names;
+    for (const BarColors& bar : bar_colors_of(scene)) names.push_back(bar.attribute);
+    return names;
+  };
+  const std::string own = scene.attribute;
+  EXPECT_THAT(attributes(), ElementsAre(own, "T"));
+  EXPECT_EQ(bar_colors_of(scene)[0].function.colors, scene.transfer_function.colors);
   scene.transfer_function.densities = {{0, 0}};
-  EXPECT_EQ(bar_colors_of(scene).attribute, "T");
-  EXPECT_EQ(bar_colors_of(scene).function.hi, 100);
+  EXPECT_THAT(attributes(), ElementsAre("T"));
+  EXPECT_EQ(bar_colors_of(scene)[0].function.hi, 100);
+  scene.surfaces = {{.boundary = "wall", .color_by = scene.contours[0].color_by}};
+  EXPECT_THAT(attributes(), ElementsAre("T")) << "the same colours";
+  scene.surfaces[0].color_by->function.hi = 50;
+  EXPECT_THAT(attributes(), ElementsAre("T", "T"));
   scene.slices = {SceneSlice{}};
-  EXPECT_EQ(bar_colors_of(scene).attribute, scene.attribute);
-  scene.slices[0].shown = false;
-  scene.contours[0].shown = false;
-  EXPECT_EQ(bar_colors_of(scene).attribute, scene.attribute);
+  EXPECT_THAT(attributes(), ElementsAre(own, "T", "T"));
+  scene.slices[0].shown = scene.contours[0].shown = scene.surfaces[0].shown = false;
+  EXPECT_THAT(attributes(), ElementsAre(own)) << "nothing";
+  scene.contours.push_back({.values = {1}, .color = dvec3(1)});
+  scene.surfaces[0].shown = true;
+  EXPECT_THAT(attributes(), ElementsAre("T")) << "no values colour that contour";
+  scene.contours[1].color.reset();
+  EXPECT_THAT(attributes(), ElementsAre(own, "T"));
 }
 
 TEST(ParseScene, NamesTheWrongPartOfAContour) {

@@ -10,8 +10,8 @@
 
 namespace splatvol {
 
-/// Opens .csv files as one point set: lines in order, files in order (builder/sources/csv_table.h tells the columns).
-/// Fields stand between commas, semicolons or tabs. An empty field, or "nan", is a missing value.
+/// Opens .csv files as one point set: lines in order, files in order (builder/sources/csv/csv_table.h tells the
+/// columns). Fields stand between commas, semicolons or tabs. An empty field, or "nan", is a missing value.
 ///
 /// The attributes are those of all files; a file that lacks one has missing values there. A line of another width, or
 /// with a text where the first line of values has a number, is an error that names it. Memory holds two pieces, and the
