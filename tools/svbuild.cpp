@@ -6,6 +6,7 @@
 #include <tbb/scalable_allocator.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
@@ -78,9 +79,25 @@ constexpr std::uint64_t usual_boundary_triangles = 200000;
 constexpr double boundary_triangle_bytes = 6;  // in the file
 constexpr double most_turned_volume = 1e-4;    // of the mesh's volume, without a warning
 
-using StageTimes = std::vector<std::pair<std::string, double>>;  // seconds of each stage
+rusage usage_of(int who) {
+  rusage usage{};
+  ::getrusage(who, &usage);
+  return usage;
+}
 
-// Follows a build, and shows how far it is. Thread-safe.
+// `who`: as getrusage takes it. Children count once they have ended.
+double processor_seconds(int who) {
+  const rusage usage = usage_of(who);
+  return static_cast<double>(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
+         1e-6 * static_cast<double>(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
+}
+
+struct StageTime {
+  std::string stage;
+  double seconds = 0, processor_seconds = 0;
+};
+
+// Follows a build, and shows how far it is. Notes the time of each stage. Thread-safe.
 class Stages {
  public:
   explicit Stages(ShowShare show) : show_(std::move(show)) {}
@@ -116,24 +133,31 @@ class Stages {
       };
   }
 
-  [[nodiscard]] StageTimes times() {
+  // All times until now, in the order in which the stages began.
+  [[nodiscard]] std::vector<StageTime> times() {
+    const std::lock_guard lock(mutex_);
     note_time();
     return times_;
   }
 
  private:
+  // Each step of a series has all stages: their times add up.
   void note_time() {
-    const double now = seconds_now();
-    if (!stage_.empty()) times_.emplace_back(stage_, now - start_);
+    auto time = std::ranges::find(times_, stage_, &StageTime::stage);
+    if (time == times_.end()) time = times_.insert(time, {.stage = stage_});
+    const double now = seconds_now(), processor_now = processor_seconds(RUSAGE_SELF);
+    time->seconds += now - start_;
+    time->processor_seconds += processor_now - processor_start_;
     start_ = now;
+    processor_start_ = processor_now;
   }
 
   std::mutex mutex_;
   ShowShare show_;
   BuildShare share_;
-  std::string stage_;
-  double start_ = 0;
-  StageTimes times_;
+  std::string stage_ = "reading";  // inputs are opened before the first call of update()
+  double start_ = seconds_now(), processor_start_ = processor_seconds(RUSAGE_SELF);
+  std::vector<StageTime> times_;
 };
 
 // Shows a bar on the terminal until the last copy is gone.
@@ -152,18 +176,20 @@ struct InputNotes {
   std::vector<std::string> conversions;  // Source::conversions()
   std::vector<std::string> warnings;     // about the file or the files, not about the input
   JointWork work = {};                   // of several processes
-  StageTimes stages = {};                // of a single step
+  std::vector<StageTime> stages = {};    // of this process
 };
 
 void print_json(const Options& options, const InputNotes& notes, const BuildReport& report, double seconds) {
   nlohmann::ordered_json census = nlohmann::ordered_json::object();
   for (const CensusLine& line : census_lines(report)) census[line.words] = line.count;
+  const double of_processors = processor_seconds(RUSAGE_SELF) + processor_seconds(RUSAGE_CHILDREN);
   nlohmann::ordered_json document = {{"output", options.output},
                                      {"points", report.resolution_counts.back()},
                                      {"resolutions", report.resolution_counts},
                                      {"connectivity", connectivity_name(report.connectivity)},
                                      {"file_bytes", report.file_bytes},
                                      {"seconds", seconds},
+                                     {"processor_seconds", of_processors},
                                      {"census", census}};
   if (notes.memory < report.least_memory) document["memory_held_beyond_limit"] = report.least_memory;
   for (const auto& lines : {warning_lines(report), notes.warnings})
@@ -190,7 +216,8 @@ void print_json(const Options& options, const InputNotes& notes, const BuildRepo
                          {"turned", cells->turned},
                          {"turned_volume", cells->volume > 0 ? cells->turned_volume / cells->volume : 0},
                          {"bytes", cells->bytes}};
-  for (const auto& [stage, time] : notes.stages) document["stages"][stage] = time;
+  for (const StageTime& time : notes.stages)
+    document["stages"][time.stage] = {{"seconds", time.seconds}, {"processor_seconds", time.processor_seconds}};
   const JointWork& work = notes.work;
   if (work.ranks > 1)
     document["ranks"] = {
@@ -362,7 +389,6 @@ Result<BuildReport> build_one(const Options& options, const BuildOptions& build_
       open_input, source, options.output, build_options,
       [&](const char* stage, double fraction) { stages.update(stage, fraction); }, notes.work);
   if (!source) return report;
-  notes.stages = stages.times();
   notes.step = source->time_step();
   notes.conversions = source->conversions();
   return report;
@@ -402,10 +428,7 @@ Result<std::pair<InputSize, std::size_t>> measure(const Options& options, const 
 }
 
 // The most memory of a process that has ended.
-std::uint64_t memory_of_children() {
-  rusage usage{};
-  return ::getrusage(RUSAGE_CHILDREN, &usage) == 0 ? static_cast<std::uint64_t>(usage.ru_maxrss) * 1024 : 0;
-}
+std::uint64_t memory_of_children() { return static_cast<std::uint64_t>(usage_of(RUSAGE_CHILDREN).ru_maxrss) * 1024; }
 
 Result<Estimate> make_estimate(const Options& options) {
   SPLATVOL_TRY_ASSIGN(build_options, build_options_of(options));
@@ -558,6 +581,7 @@ Result<BuiltFile> build_file(const Options& options, const ShowShare& show,
     return named || is_series(options) ? tl::unexpected(report.error()) : fail_in(options.inputs[0], report.error());
   }
   if (!left_out.empty()) report->warnings.push_back(left_out);
+  notes.stages = stages.times();
   return BuiltFile{std::move(*report), std::move(notes), reader.files()};
 }
 

@@ -37,6 +37,12 @@ def words(text):
     return found
 
 
+def count(text):
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is no number from 1 up")
+    return int(text)
+
+
 # Messages.
 
 

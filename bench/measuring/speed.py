@@ -9,7 +9,7 @@ import os
 import time
 
 from . import report
-from .common import Failure, add_programs, add_shared, warn, words
+from .common import Failure, add_programs, add_shared, count, warn, words
 from .measure import measure, mesh_of
 
 PARTS = ["equal", "scattered", "lit", "reference", "growth"]
@@ -53,12 +53,6 @@ def chosen_from(names):
         return words(text)
 
     return parse
-
-
-def count(text):
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is no number from 1 up")
-    return int(text)
 
 
 def add_options(parser):

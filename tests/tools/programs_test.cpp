@@ -310,6 +310,25 @@ TEST_F(Programs, JsonSurvivesNamesThatAreNotUtf8) {
   EXPECT_EQ(document_of(run("svbuild mesh.vtk --json -o mesh.svol")).at("points"), 2);
 }
 
+TEST_F(Programs, JsonTellsTheTimeOfEachStage) {
+  write("mesh.vtu", small_mesh().file());
+  for (const std::string command :
+       {"svbuild mesh.vtu --json -o out.svol", "svbuild mesh.vtu mesh.vtu --series-of-files --json -o out.svols"}) {
+    const json built = document_of(run(command));
+    double seconds = 0, processor_seconds = 0;
+    for (const json& stage : built.at("stages")) {
+      EXPECT_GE(stage.at("seconds"), 0);
+      EXPECT_GE(stage.at("processor_seconds"), 0);
+      seconds += stage.at("seconds").get<double>();
+      processor_seconds += stage.at("processor_seconds").get<double>();
+    }
+    for (const char* stage : {"reading", "reducing", "writing", "checking"})
+      EXPECT_TRUE(built["stages"].contains(stage)) << command << ": " << stage;
+    EXPECT_LE(seconds, built.at("seconds")) << command;
+    EXPECT_LE(processor_seconds, built.at("processor_seconds")) << command;
+  }
+}
+
 TEST_F(Programs, MessagesAreOneLineWhateverTheyQuote) {
   make_small_files();
   json odd = small_scene;
