@@ -178,20 +178,21 @@ ValueSummary summarize_cells(const CellChunk& cells, const LocalCells& local, st
   std::vector<std::uint8_t> bin_of(values.size());
   for (std::size_t i = 0; i < values.size(); ++i)
     if (!std::isnan(values[i])) bin_of[i] = static_cast<std::uint8_t>(bins.bin(values[i]));
+  const bool has_missing = std::ranges::any_of(values, [](float value) { return std::isnan(value); });
   ValueSummary summary;
   for_each_tetrahedron(cells, local, [&](const std::array<std::uint32_t, 4>& corners) {
     const float first = values[corners[0]];
     float low = first, high = first;
     std::uint8_t lowest = bin_of[corners[0]], highest = lowest;
-    bool is_missing = false;
+    if (has_missing && std::ranges::any_of(corners, [&](std::uint32_t corner) { return std::isnan(values[corner]); }))
+      return;
     for (const std::uint32_t corner : corners) {
-      is_missing = is_missing || std::isnan(values[corner]);
       low = std::min(low, values[corner]);
       high = std::max(high, values[corner]);
       lowest = std::min(lowest, bin_of[corner]);
       highest = std::max(highest, bin_of[corner]);
     }
-    if (!is_missing) summary.include({low, high, ValueBins::between_bins(lowest, highest)});
+    summary.include({low, high, ValueBins::between_bins(lowest, highest)});
   });
   return summary;
 }

@@ -157,6 +157,10 @@ struct PackedChunk {
 [[nodiscard]] Status unpack_value_intervals(const ChunkEntry& entry, std::span<const std::byte> packed,
                                             std::span<ValueInterval> out, std::string_view what);
 
+/// As unpack_values. Returns what stated_value_error does.
+[[nodiscard]] Result<double> unpack_values_and_error(const ChunkEntry& entry, std::span<const std::byte> packed,
+                                                     std::span<float> out, std::string_view what);
+
 /// Returns the bound on the position error that a packed chunk states, in world units.
 [[nodiscard]] Result<double> stated_position_error(const ChunkEntry& entry, std::span<const std::byte> packed);
 

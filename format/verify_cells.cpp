@@ -1,6 +1,7 @@
 #include "format/verify_cells.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <map>
@@ -33,10 +34,13 @@ bool is_box(const double (&low)[3], const double (&high)[3], const Box& box) {
 struct Ends {
   struct Cell {
     CellShape shape{};
-    std::uint64_t point = 0;           // of a constant field
-    std::vector<std::uint64_t> ranks;  // ascending; of a polyhedron, what the order is by: its first, or none
+    std::uint64_t point = 0;  // of a constant field
+    // Ascending, zeros behind them. Of a polyhedron, what the order is by: its first, or none.
+    std::array<std::uint64_t, max_cell_corners> ranks = {};
+    std::size_t corners = 0;
     [[nodiscard]] bool is_before(const Cell& other) const {
-      return shape == other.shape && std::tie(point, ranks) < std::tie(other.point, other.ranks);
+      return shape == other.shape &&
+             std::tie(point, ranks, corners) < std::tie(other.point, other.ranks, other.corners);
     }
   };
   Cell first, last;
@@ -218,17 +222,17 @@ class CellVerifier {
   }
 
   Status check_order(const CellChunk& cells, Ends& ends) const {
-    Ends::Cell cell{cells.shape, 0, {}};
+    Ends::Cell cell{cells.shape};
     for (std::size_t i = 0; i < cells.size(); ++i) {
       auto corners = cells.corners_at(i);
       if (cells.shape == CellShape::polyhedron) corners = corners.first(cells.field == CellField::corners ? 1 : 0);
-      cell.point = cells.points.empty() ? 0 : cells.points[i];
-      cell.ranks.assign(corners.begin(), corners.end());
-      sort_corners(cell.ranks);
+      if (!cells.points.empty()) cell.point = cells.points[i];
+      cell.corners = corners.size();
+      std::ranges::copy(corners, cell.ranks.begin());
+      sort_corners(std::span(cell.ranks).first(corners.size()));
       if (cell.is_before(ends.last)) return unordered();
       if (ends.first.shape == CellShape{}) ends.first = cell;
-      std::swap(cell, ends.last);
-      cell.shape = cells.shape;
+      ends.last = cell;
     }
     return {};
   }
