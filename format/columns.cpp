@@ -383,16 +383,4 @@ Status unpack_octants(const ChunkEntry& entry, std::span<const std::byte> packed
   return {};
 }
 
-Result<double> stated_position_error(const ChunkEntry& entry, std::span<const std::byte> packed) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, "position"));
-  if (payload.size() < sizeof(PositionHeader)) return fail(ErrorCode::invalid_data, "payload too short [R17]");
-  return read_record<PositionHeader>(payload, 0).error;
-}
-
-Result<double> stated_value_error(const ChunkEntry& entry, std::span<const std::byte> packed) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, "value"));
-  if (payload.size() < sizeof(ValueHeader)) return fail(ErrorCode::invalid_data, "payload too short [R17]");
-  return error_of(read_record<ValueHeader>(payload, 0));
-}
-
 }  // namespace splatvol::format

@@ -9,6 +9,7 @@
 #include <random>
 
 #include "base/file.h"
+#include "format/codes.h"
 #include "tests/format/allocation_counter.h"
 #include "tests/support/fault_source.h"
 #include "tests/support/long.h"
@@ -77,9 +78,10 @@ void expect_same_material(const ChunkEntry& entry, const Bytes& packed, const Co
   std::vector<vec3> gradients(group.count);
   if (column.kind == ColumnKind::centroid) {
     ASSERT_TRUE(unpack_centroids(entry, packed, centroids, volume.info.cube, "test"));
-    const double error = stated_position_error(entry, packed).value();
+    PositionCodes codes;
+    ASSERT_TRUE(unpack_centroid_codes(entry, packed, group.count, volume.info.cube, "test", codes));
     for (std::size_t i = 0; i < group.count; ++i)
-      EXPECT_LE(glm::distance(centroids[i], volume.centroids[resolution][group.begin + i]), 2 * error);
+      EXPECT_LE(glm::distance(centroids[i], volume.centroids[resolution][group.begin + i]), 2 * codes.error);
   } else if (column.kind == ColumnKind::moments) {
     ASSERT_TRUE(unpack_moments(entry, packed, shapes, volume.info.cube.edge, "test"));
     for (std::size_t i = 0; i < group.count; ++i) {
