@@ -758,7 +758,7 @@ class Volume::Verifier {
   // Of a row, at once.
   static constexpr std::uint64_t most_read_bytes = std::uint64_t{1} << 18;
   // Enough pieces that all threads end at about the same time, each of so many times the points that it shares.
-  static constexpr std::uint64_t pieces_per_worker = 8, least_share = 4;
+  static constexpr std::uint64_t pieces_per_worker = 8, least_share = 8;
   // A deviation under this, of values, has a variance that is too small for double precision.
   static constexpr double lost_deviation = 0x1p-500;
   // Thousands of attributes have fewer threads.
