@@ -160,15 +160,53 @@ LocalCells number_corners(std::span<const std::uint64_t> corners) {
   return cells;
 }
 
+namespace {
+
+// Adds up the areas of the faces of tetrahedra, several at a time, in their order.
+class Areas {
+ public:
+  explicit Areas(double& sum) : sum_(sum) {}
+
+  // Adds a tetrahedron, by its edges from one corner.
+  void add(const dvec3& a, const dvec3& b, const dvec3& c) {
+    for (int axis = 0; axis < 3; ++axis) {
+      edges_[axis][count_] = a[axis];
+      edges_[3 + axis][count_] = b[axis];
+      edges_[6 + axis][count_] = c[axis];
+    }
+    if (++count_ == lanes) finish();
+  }
+
+  void finish() {
+    const auto& [ax, ay, az, bx, by, bz, cx, cy, cz] = edges_;
+    std::array<double, lanes> areas;
+    for (std::size_t l = 0; l < lanes; ++l) {
+      const dvec3 a(ax[l], ay[l], az[l]), b(bx[l], by[l], bz[l]), c(cx[l], cy[l], cz[l]);
+      const dvec3 ab = glm::cross(a, b), bc = glm::cross(b, c), ca = glm::cross(c, a);
+      areas[l] = (glm::length(ab) + glm::length(bc) + glm::length(ca) + glm::length(ab + bc + ca)) / 2;
+    }
+    for (std::size_t l = 0; l < count_; ++l) sum_ += areas[l];
+    count_ = 0;
+  }
+
+ private:
+  static constexpr std::size_t lanes = 8;
+  double& sum_;
+  std::size_t count_ = 0;
+  std::array<std::array<double, lanes>, 9> edges_{};
+};
+
+}  // namespace
+
 CellExtent measure_cells(const CellChunk& cells, const LocalCells& local, std::span<const dvec3> positions) {
   CellExtent extent;
   for (const dvec3& position : positions) extent.box.include(position);
+  Areas areas(extent.area);
   for_each_tetrahedron(cells, local, [&](const std::array<std::uint32_t, 4>& corners) {
     const dvec3& from = positions[corners[0]];
-    const dvec3 a = positions[corners[1]] - from, b = positions[corners[2]] - from, c = positions[corners[3]] - from;
-    const dvec3 ab = glm::cross(a, b), bc = glm::cross(b, c), ca = glm::cross(c, a);
-    extent.area += (glm::length(ab) + glm::length(bc) + glm::length(ca) + glm::length(ab + bc + ca)) / 2;
+    areas.add(positions[corners[1]] - from, positions[corners[2]] - from, positions[corners[3]] - from);
   });
+  areas.finish();
   return extent;
 }
 
@@ -178,20 +216,21 @@ ValueSummary summarize_cells(const CellChunk& cells, const LocalCells& local, st
   std::vector<std::uint8_t> bin_of(values.size());
   for (std::size_t i = 0; i < values.size(); ++i)
     if (!std::isnan(values[i])) bin_of[i] = static_cast<std::uint8_t>(bins.bin(values[i]));
+  const bool has_missing = std::ranges::any_of(values, [](float value) { return std::isnan(value); });
   ValueSummary summary;
   for_each_tetrahedron(cells, local, [&](const std::array<std::uint32_t, 4>& corners) {
     const float first = values[corners[0]];
     float low = first, high = first;
     std::uint8_t lowest = bin_of[corners[0]], highest = lowest;
-    bool is_missing = false;
+    if (has_missing && std::ranges::any_of(corners, [&](std::uint32_t corner) { return std::isnan(values[corner]); }))
+      return;
     for (const std::uint32_t corner : corners) {
-      is_missing = is_missing || std::isnan(values[corner]);
       low = std::min(low, values[corner]);
       high = std::max(high, values[corner]);
       lowest = std::min(lowest, bin_of[corner]);
       highest = std::max(highest, bin_of[corner]);
     }
-    if (!is_missing) summary.include({low, high, ValueBins::between_bins(lowest, highest)});
+    summary.include({low, high, ValueBins::between_bins(lowest, highest)});
   });
   return summary;
 }

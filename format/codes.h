@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <span>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/error.h"
@@ -18,7 +19,12 @@ struct PositionCodes {
   bool exact = false;  // codes are the bits of coordinates; otherwise coordinate = origin + quantisation_step code
   dvec3 origin{0};
   double quantisation_step = 0;
+  double error = 0;  // that the chunk states, world units
   std::array<std::vector<std::uint64_t>, 3> axes;
+
+  /// Returns the least and the largest coordinate of the points [begin, end) on an axis; +infinity and -infinity if
+  /// there are none. Requires finite coordinates, as those of a chunk that was unpacked are.
+  [[nodiscard]] std::pair<double, double> range(int axis, std::size_t begin, std::size_t end) const;
 };
 
 /// The column `moments`. Log codes mean 0, or scale 2^((code - 65535) / 128).

@@ -129,16 +129,6 @@ void read_values_on_grid(const ValueHeader& header, std::span<const std::byte> p
   }
 }
 
-// Returns the largest number and 0 if there are no codes.
-std::pair<std::uint64_t, std::uint64_t> least_and_largest(std::span<const std::uint64_t> codes) {
-  std::int64_t least = std::numeric_limits<std::int64_t>::max(), largest = 0;  // codes have at most 7 bytes
-  for (const std::uint64_t code : codes) {
-    least = std::min(least, static_cast<std::int64_t>(code));
-    largest = std::max(largest, static_cast<std::int64_t>(code));
-  }
-  return {static_cast<std::uint64_t>(least), static_cast<std::uint64_t>(largest)};
-}
-
 // Checks the form of a header. The error of positions is at most the edge of the cube.
 Result<PositionHeader> check_position_header(std::span<const std::byte> payload, std::size_t count, double edge,
                                              std::string_view what) {
@@ -263,19 +253,15 @@ double coordinate_of(const PositionCodes& codes, int axis, std::uint64_t code) {
 
 // Whether the points lie within `margin` edges of the cube, and the stated error. A cube that is small beside its
 // distance from 0 has no exact other end. So distances are compared.
-bool are_inside(const PositionCodes& codes, const Cube& cube, double margin, double error) {
-  const double least = -margin * cube.edge - error, most = (1 + margin) * cube.edge + error;
+bool are_inside(const PositionCodes& codes, const Cube& cube, double margin) {
+  const double least = -margin * cube.edge - codes.error, most = (1 + margin) * cube.edge + codes.error;
   bool inside = true;
   for (int axis = 0; axis < 3; ++axis) {
     const std::vector<std::uint64_t>& of_axis = codes.axes[static_cast<std::size_t>(axis)];
-    const auto include = [&](std::uint64_t code) {
-      const double from_origin = coordinate_of(codes, axis, code) - cube.origin[axis];
-      inside = inside && from_origin >= least && from_origin <= most;
-    };
     if (codes.exact)
-      std::ranges::for_each(of_axis, include);
-    else if (const auto [low, high] = least_and_largest(of_axis); low <= high)
-      include(low), include(high);
+      for (const std::uint64_t code : of_axis) inside = inside && std::isfinite(coordinate_of(codes, axis, code));
+    const auto [low, high] = codes.range(axis, 0, of_axis.size());
+    inside = inside && low - cube.origin[axis] >= least && high - cube.origin[axis] <= most;
   }
   return inside;
 }
@@ -289,9 +275,10 @@ Status unpack_points(const ChunkEntry& entry, std::span<const std::byte> packed,
   out.exact = header.form == form_exact;
   out.origin = {header.origin[0], header.origin[1], header.origin[2]};
   out.quantisation_step = header.quantisation_step;
+  out.error = header.error;
   for (std::size_t axis = 0; axis < 3; ++axis)
     planes = take_planes(planes, out.axes[axis], points, out.exact ? sizeof(double) : header.width[axis]);
-  if (!are_inside(out, cube, margin, header.error))
+  if (!are_inside(out, cube, margin))
     return fail(ErrorCode::invalid_data, "{}: a point lies outside of the cube [R17]", what);
   return {};
 }
@@ -307,6 +294,26 @@ Status unpack_points(const ChunkEntry& entry, std::span<const std::byte> packed,
 }
 
 }  // namespace
+
+std::pair<double, double> PositionCodes::range(int axis, std::size_t begin, std::size_t end) const {
+  const auto codes = std::span(axes[static_cast<std::size_t>(axis)]).subspan(begin, end - begin);
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  if (codes.empty()) return {low, high};
+  if (exact) {
+    for (const std::uint64_t code : codes) {
+      low = std::min(low, std::bit_cast<double>(code));
+      high = std::max(high, std::bit_cast<double>(code));
+    }
+    return {low, high};
+  }
+  std::int64_t least = std::numeric_limits<std::int64_t>::max(), largest = 0;  // codes have at most 7 bytes
+  for (const std::uint64_t code : codes) {
+    least = std::min(least, static_cast<std::int64_t>(code));
+    largest = std::max(largest, static_cast<std::int64_t>(code));
+  }
+  return {coordinate_of(*this, axis, static_cast<std::uint64_t>(least)),
+          coordinate_of(*this, axis, static_cast<std::uint64_t>(largest))};
+}
 
 Status unpack_vertices(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<dvec3> out,
                        const Cube& cube, std::string_view what) {
@@ -335,6 +342,12 @@ Status unpack_centroid_codes(const ChunkEntry& entry, std::span<const std::byte>
 
 Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<float> out,
                      std::string_view what) {
+  SPLATVOL_TRY(unpack_values_and_error(entry, packed, out, what));
+  return {};
+}
+
+Result<double> unpack_values_and_error(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<float> out,
+                                       std::string_view what) {
   SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, what));
   if (payload.size() < sizeof(ValueHeader)) return fail(ErrorCode::invalid_data, "{}: payload too short [R17]", what);
   const auto header = read_record<ValueHeader>(payload, 0);
@@ -355,7 +368,7 @@ Status unpack_values(const ChunkEntry& entry, std::span<const std::byte> packed,
     outside |= static_cast<std::uint32_t>(value < entry.min) | static_cast<std::uint32_t>(value > entry.max);
   if (outside != 0)
     return fail(ErrorCode::invalid_data, "{}: a value is out of the range that its chunk states [R17]", what);
-  return {};
+  return error_of(header);
 }
 
 Status unpack_octants(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<std::uint8_t> depths,
@@ -368,18 +381,6 @@ Status unpack_octants(const ChunkEntry& entry, std::span<const std::byte> packed
   if (std::ranges::max(depths) > max_octant_depth || std::ranges::min(counts) == 0)
     return fail(ErrorCode::invalid_data, "{}: octant depth or count out of range [R17]", what);
   return {};
-}
-
-Result<double> stated_position_error(const ChunkEntry& entry, std::span<const std::byte> packed) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, "position"));
-  if (payload.size() < sizeof(PositionHeader)) return fail(ErrorCode::invalid_data, "payload too short [R17]");
-  return read_record<PositionHeader>(payload, 0).error;
-}
-
-Result<double> stated_value_error(const ChunkEntry& entry, std::span<const std::byte> packed) {
-  SPLATVOL_TRY_ASSIGN(payload, unpack_payload(entry, packed, "value"));
-  if (payload.size() < sizeof(ValueHeader)) return fail(ErrorCode::invalid_data, "payload too short [R17]");
-  return error_of(read_record<ValueHeader>(payload, 0));
 }
 
 }  // namespace splatvol::format

@@ -157,10 +157,9 @@ struct PackedChunk {
 [[nodiscard]] Status unpack_value_intervals(const ChunkEntry& entry, std::span<const std::byte> packed,
                                             std::span<ValueInterval> out, std::string_view what);
 
-/// Returns the bound on the position error that a packed chunk states, in world units.
-[[nodiscard]] Result<double> stated_position_error(const ChunkEntry& entry, std::span<const std::byte> packed);
-
-/// Returns the bound on the error of stored values that follows from a packed chunk's form: 0 if it is exact.
-[[nodiscard]] Result<double> stated_value_error(const ChunkEntry& entry, std::span<const std::byte> packed);
+/// As unpack_values. Returns the bound on the error of stored values that follows from the chunk's form: 0 if it is
+/// exact.
+[[nodiscard]] Result<double> unpack_values_and_error(const ChunkEntry& entry, std::span<const std::byte> packed,
+                                                     std::span<float> out, std::string_view what);
 
 }  // namespace splatvol::format

@@ -267,7 +267,7 @@ Status unpack_value_moments(const ChunkEntry& entry, std::span<const std::byte> 
 
 Status unpack_value_intervals(const ChunkEntry& entry, std::span<const std::byte> packed, std::span<ValueInterval> out,
                               std::string_view what) {
-  ValueMomentCodes codes;
+  thread_local ValueMomentCodes codes;
   SPLATVOL_TRY(unpack_value_moment_codes(entry, packed, out.size(), what, codes));
   const ValueDeviations deviation(codes.deviation_scale);
   for (std::size_t i = 0; i < out.size(); ++i) {

@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <glm/vector_relational.hpp>
 #include <limits>
 #include <numeric>
 #include <optional>
 
 #include "base/interruption.h"
 #include "base/run_tasks.h"
+#include "format/codes.h"
 #include "format/series_index.h"
 #include "format/verify_cells.h"
 #include "format/volume.h"
@@ -20,27 +20,30 @@ namespace splatvol::format {
 class Volume::Verifier {
  public:
   Verifier(const Volume& volume, const std::function<void(double)>& progress, std::size_t threads)
-      : volume_(volume), info_(volume.info_), progress_(progress), threads_(std::max<std::size_t>(threads, 1)) {}
+      : volume_(volume), info_(volume.info_), progress_(progress), threads_(std::max<std::size_t>(threads, 1)) {
+    for (const Attribute& attribute : info_.attributes) bins_.push_back(bins_of(attribute));
+  }
 
   Status run() {
     SPLATVOL_TRY(check_parts());
     SPLATVOL_TRY(check_rows(0));
-    SPLATVOL_TRY_ASSIGN(values, check_chunks(pages_of(0)));
-    SPLATVOL_TRY(volume_.series_ ? check_nodes(positions_only()) : check_nodes_and_values(values, positions_only()));
+    SPLATVOL_TRY_ASSIGN(checked, check_chunks(0));
+    if (!volume_.series_) SPLATVOL_TRY(check_counted_values(checked.values));
+    SPLATVOL_TRY(std::move(checked.nodes));
     return verify_cells(volume_, progress_, threads_);
   }
 
-  /// Checks the chunks of some directory pages.
+  /// Checks some of the chunks, and the nodes round them.
   Result<CheckedValues> run_chunks(std::uint64_t part, std::uint64_t parts) const {
-    std::vector<std::uint64_t> pages;
-    for (std::uint64_t page = part; page < volume_.directories_[0].refs.size(); page += parts) pages.push_back(page);
-    return check_chunks(pages);
+    SPLATVOL_TRY_ASSIGN(checked, check_chunks(0, part, parts));
+    SPLATVOL_TRY(std::move(checked.nodes));
+    return std::move(checked.values);
   }
 
   Status run_rest(const CheckedValues& values) {
     SPLATVOL_TRY(check_parts());
     SPLATVOL_TRY(check_rows(0));
-    SPLATVOL_TRY(check_nodes_and_values(values, positions_only()));
+    SPLATVOL_TRY(check_counted_values(values));
     return verify_cells(volume_, progress_, threads_);
   }
 
@@ -50,8 +53,9 @@ class Volume::Verifier {
     SPLATVOL_TRY(check_step_summaries());
     SPLATVOL_TRY(verify_cells_of_step(volume_, progress_, threads_));
     SPLATVOL_TRY(check_rows(1));
-    SPLATVOL_TRY_ASSIGN(values, check_chunks(pages_of(1)));
-    return check_nodes_and_values(values, {});
+    SPLATVOL_TRY_ASSIGN(checked, check_chunks(1));
+    SPLATVOL_TRY(check_counted_values(checked.values));
+    return checked.nodes;
   }
 
  private:
@@ -119,8 +123,7 @@ class Volume::Verifier {
 
   Status check_index() {
     SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root({}));
-    SPLATVOL_TRY(
-        check_summaries(volume_.root_ref(), volume_.file_->find_section(SectionKind::index_root)->offset, root));
+    SPLATVOL_TRY(check_summaries(root_offset(), root));
     SPLATVOL_TRY(check_forest(root, 0));
 
     std::ranges::sort(pages_);
@@ -157,19 +160,40 @@ class Volume::Verifier {
     page_bytes_ += ref.page_bytes;
     if (page_bytes_ > index_section().packed_bytes) return volume_.broken(untiled_index);
     SPLATVOL_TRY_ASSIGN(forest, volume_.read_index_page(ref, mask, counts, {}));
-    SPLATVOL_TRY(check_summaries(ref, index_section().offset + ref.offset, forest));
+    SPLATVOL_TRY(check_summaries(volume_.index_page_offset(ref), forest));
     return check_forest(forest, depth);
   }
 
-  Status check_summaries(const IndexPageRef& ref, std::uint64_t offset, const IndexPage& page) const {
+  Status check_summaries(std::uint64_t offset, const IndexPage& page) const {
     if (volume_.series_) return check_number(page);
-    SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(offset, ref.page_bytes));
-    for (std::size_t attribute = 0; attribute < info_.attributes.size(); ++attribute) {
-      const auto [part_offset, part] = find_summary_part(bytes, attribute, volume_.node_shape());
-      const auto packed = std::span<const std::byte>(bytes).subspan(part_offset, part.packed_bytes);
-      SPLATVOL_TRY(unpack_summaries(part, packed, page.nodes.size(), volume_.name() + ": index page"));
-    }
+    for (std::size_t first = 0; first < info_.attributes.size(); first += most_attributes)
+      SPLATVOL_TRY(read_summaries(offset, page, first, std::min(first + most_attributes, info_.attributes.size())));
     return {};
+  }
+
+  // Reads the summaries of some attributes.
+  Result<PageSummaries> read_summaries(std::uint64_t offset, const IndexPage& page, std::size_t first_attribute,
+                                       std::size_t end_attribute) const {
+    PageSummaries summaries;
+    if (first_attribute == end_attribute) return summaries;
+    if (volume_.series_) {
+      for (std::size_t a = first_attribute; a < end_attribute; ++a) {
+        SPLATVOL_TRY_ASSIGN(read, volume_.read_step_summaries(page, a));
+        summaries.push_back(std::move(read));
+      }
+      return summaries;
+    }
+    SPLATVOL_TRY_ASSIGN(front, volume_.read_bytes(offset, index_table_bytes(info_.attributes.size())));
+    const std::uint64_t begin = find_summary_part(front, first_attribute, volume_.node_shape()).offset;
+    const auto [last, last_part] = find_summary_part(front, end_attribute - 1, volume_.node_shape());
+    SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(offset + begin, last + last_part.packed_bytes - begin));
+    for (std::size_t a = first_attribute; a < end_attribute; ++a) {
+      const auto [at, part] = find_summary_part(front, a, volume_.node_shape());
+      const auto packed = std::span<const std::byte>(bytes).subspan(at - begin, part.packed_bytes);
+      SPLATVOL_TRY_ASSIGN(read, unpack_summaries(part, packed, page.nodes.size(), volume_.name() + ": index page"));
+      summaries.push_back(std::move(read));
+    }
+    return summaries;
   }
 
   // A step has summaries of the same nodes.
@@ -179,288 +203,313 @@ class Volume::Verifier {
     return {};
   }
 
-  // Returns the numbers of pages. `directory`: 0: the rows of the file; 1: those of the step.
-  [[nodiscard]] std::vector<std::uint64_t> pages_of(std::size_t directory) const {
-    std::vector<std::uint64_t> pages(volume_.directories_[directory].refs.size());
-    std::iota(pages.begin(), pages.end(), directory == 0 ? 0 : volume_.directories_[0].refs.size());
-    return pages;
-  }
-
-  // Calls visit(chunk, its column, its points) for the chunks of a page, in the order of the file.
-  template <class Visit>
-  Status visit_chunks(const DirectoryPage& page, const Visit& visit) const {
-    const RowLayout& rows = volume_.rows_;
-    std::size_t chunk = 0;
-    for (std::uint64_t row = page.first_row; row < volume_.end_row(page); ++row) {
-      const Group group = rows.group(rows.group_of_row(row));
-      for (const int column : volume_.columns_of_row(page, row))
-        SPLATVOL_TRY(visit(page.chunks[chunk++], info_.columns[static_cast<std::size_t>(column)], group.count));
-      SPLATVOL_TRY(check_interruption());
-    }
-    return {};
-  }
-
-  // Chunks follow each other.
+  // Chunks follow each other. `directory`: 0: the rows of the file; 1: those of the step.
   Status check_rows(std::size_t directory) const {
     const Container& container = *volume_.directories_[directory].container;
     const SectionEntry& section = *container.find_section(SectionKind::rows);
     const std::uint64_t begin = container.begin() + section.offset;
+    const std::uint64_t pages_before = directory == 0 ? 0 : volume_.directories_[0].refs.size();
     std::uint64_t next = begin;
-    for (const std::uint64_t number : pages_of(directory)) {
-      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
-      SPLATVOL_TRY(visit_chunks(page, [&](const ChunkLocation& chunk, const Column&, std::uint32_t) -> Status {
-        if (chunk.offset != next) return volume_.broken("chunks do not tile the rows [R12]");
+    for (std::size_t number = 0; number < volume_.directories_[directory].refs.size(); ++number) {
+      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(pages_before + number));
+      for (const ChunkLocation& chunk : page.chunks) {
+        if (chunk.offset != next) return volume_.broken(untiled_rows);
         next += chunk.entry.packed_bytes;
-        return {};
-      }));
+      }
+      SPLATVOL_TRY(check_interruption());
     }
-    if (next != begin + section.packed_bytes) return volume_.broken("chunks do not tile the rows [R12]");
-    return {};
+    return next == begin + section.packed_bytes ? Status() : volume_.broken(untiled_rows);
   }
 
-  Result<CheckedValues> check_chunks(const std::vector<std::uint64_t>& pages) const {
+  // --- The walk: each chunk is decoded once, and the nodes round its points are checked against it.
+
+  // A column at a resolution; one of scope `segment` at all of them.
+  struct Unit {
+    int column = 0;
+    std::optional<std::size_t> resolution = std::nullopt;
+  };
+
+  // What a walk checks, and the attributes whose summaries of nodes it needs.
+  struct Part {
+    std::vector<Unit> units = {};
+    std::size_t first_attribute = 0, end_attribute = 0;
+  };
+
+  // Numbers of a chunk that nodes are checked against.
+  struct Chunk {
+    int column = 0;
+    std::size_t resolution = 0;
+    ValueSummary summary = {};  // of its entry
+    std::vector<float> values = {};
+    std::vector<ValueInterval> intervals = {};
+  };
+
+  // The group of a segment that holds the next point, and its chunks at all resolutions.
+  struct Cursor {
+    struct Page {
+      std::shared_ptr<const DirectoryPage> page = {};  // cursors share those that they have in common
+      std::uint64_t number = 0;
+    };
+    std::uint64_t begin = 0, end = 0;  // numbers of its points in the segment
+    PositionCodes positions = {};
+    std::vector<Chunk> chunks = {};
+    std::vector<Page> pages = {};  // [resolution - segment]
+  };
+
+  // An index page with summaries: [attribute - first_attribute][node].
+  struct Page {
+    IndexPage index;
+    PageSummaries summaries;
+  };
+  struct Node {
+    const Page* page = nullptr;
+    std::size_t number = 0;
+  };
+
+  // What is wrong: the first chunk of the file, and the nodes in the order of what they are checked against.
+  struct Findings {
+    static constexpr std::uint64_t nothing = ~std::uint64_t{0};
+    std::uint64_t chunk = nothing, contents = nothing;
+    Status of_chunk = {}, of_nodes = {};
+
+    void add_chunk(std::uint64_t offset, const Status& status) {
+      if (offset < chunk) chunk = offset, of_chunk = status;
+    }
+    void add_nodes(std::uint64_t of, const Status& status) {
+      if (of < contents) contents = of, of_nodes = status;
+    }
+  };
+
+  // A walk through some leaves of the index, which follow each other, and the points in them.
+  struct Walk {
+    const Part& part;
+    CheckedValues& values;
+    std::function<void(std::uint64_t)> progress;  // gets `at`
+    std::uint64_t begin, end;                     // of its leaves' first points, in depth-first order
+    std::uint64_t at = 0;                         // points before the present node
+    std::vector<std::uint64_t> before = {};       // [segment]: the same of each segment
+    std::vector<Cursor> cursors = {};             // [segment]
+    std::vector<Node> path = {};                  // from the root
+    Findings found = {};
+    bool has_all = false;  // whether it checks all columns
+    Bytes bytes = {};      // of a row, or of one of its chunks
+    std::uint64_t bytes_begin = 0;
+
+    // For chunks that nodes are not checked against.
+    PositionCodes centroids = {};
+    MomentCodes moments = {};
+    std::vector<std::uint8_t> depths = {}, counts = {};
+    std::vector<std::uint32_t> directions = {};
+  };
+
+  struct Checked {
+    CheckedValues values;
+    Status nodes;
+  };
+
+  // Fails with what is wrong with the first chunk, however the work is divided. Does the `share`-th of `shares`.
+  Result<Checked> check_chunks(std::size_t directory, std::uint64_t share = 0, std::uint64_t shares = 1) const {
     const std::size_t attributes = info_.attributes.size();
     const CheckedValues none{std::vector<Histogram>(attributes), std::vector<std::uint64_t>(attributes)};
     const std::size_t with_room = 1 + most_bytes_of_sums / (std::max<std::size_t>(attributes, 1) * sizeof(Histogram));
     std::vector<CheckedValues> of_threads(std::min(threads_, with_room), none);
-    const auto check_page = [&](std::size_t number, std::size_t thread) -> Status {
-      SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(pages[number]));
-      const auto check = [&](const ChunkLocation& chunk, const Column& column, std::uint32_t points) {
-        return check_chunk(chunk, column, points, of_threads[thread]);
+
+    const std::vector<Part> parts = parts_of(directory);
+    const std::uint64_t pieces = pieces_for(std::max<std::uint64_t>(of_threads.size(), shares));
+    const std::size_t tasks = (parts.size() * pieces + shares - 1 - share) / shares;
+    std::vector<Findings> found(tasks);
+    const auto check = [&](std::size_t task, std::size_t thread) -> Status {
+      const std::uint64_t number = share + task * shares;
+      Walk walk = start_walk(parts[number / pieces], number % pieces, pieces, of_threads[thread]);
+      const auto report = [&](std::uint64_t at) {
+        const double done = static_cast<double>(at - walk.begin) / static_cast<double>(walk.end - walk.begin);
+        progress_((static_cast<double>(task) + std::min(done, 1.0)) / static_cast<double>(tasks));
       };
-      SPLATVOL_TRY(visit_chunks(page, check));
-      if (thread == 0) progress_(static_cast<double>(number + 1) / static_cast<double>(pages.size()));
-      return check_interruption();
+      if (thread == 0) walk.progress = report;
+      walk.has_all = parts.size() == 1;
+      SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root({}));
+      SPLATVOL_TRY_ASSIGN(page, with_summaries(std::move(root), root_offset(), walk));
+      SPLATVOL_TRY(check_node(page, 0, info_.cube, walk));
+      found[task] = std::move(walk.found);
+      if (thread == 0) report(walk.end);
+      return {};
     };
-    SPLATVOL_TRY(run_tasks(pages.size(), of_threads.size(), check_page));
+    SPLATVOL_TRY(run_tasks(tasks, of_threads.size(), check));
+    if (tasks > 0) SPLATVOL_TRY(std::ranges::min_element(found, {}, &Findings::chunk)->of_chunk);
+    return Checked{sum_of(of_threads),
+                   tasks > 0 ? std::ranges::min_element(found, {}, &Findings::contents)->of_nodes : Status()};
+  }
+
+  static CheckedValues sum_of(std::vector<CheckedValues>& of_threads) {
+    CheckedValues& sum = of_threads[0];
     for (std::size_t thread = 1; thread < of_threads.size(); ++thread)
-      for (std::size_t a = 0; a < attributes; ++a) {
-        of_threads[0].missing[a] += of_threads[thread].missing[a];
-        std::ranges::transform(of_threads[0].histograms[a], of_threads[thread].histograms[a],
-                               of_threads[0].histograms[a].begin(), std::plus());
+      for (std::size_t a = 0; a < sum.missing.size(); ++a) {
+        sum.missing[a] += of_threads[thread].missing[a];
+        std::ranges::transform(sum.histograms[a], of_threads[thread].histograms[a], sum.histograms[a].begin(),
+                               std::plus());
       }
-    return std::move(of_threads[0]);
+    return std::move(sum);
   }
 
-  Status check_chunk(const ChunkLocation& location, const Column& column, std::uint32_t points,
-                     CheckedValues& sums) const {
-    SPLATVOL_TRY_ASSIGN(packed, volume_.read_bytes(location.offset, location.entry.packed_bytes));
-    const std::string what = fmt::format("{}: chunk at {}", volume_.name(), location.offset);
-    switch (column.kind) {
-      case ColumnKind::position:
-        return check_positions(location.entry, packed, points, what);
-      case ColumnKind::value:
-        return check_values(location.entry, packed, points, static_cast<std::size_t>(column.attribute), what, sums);
-      case ColumnKind::octant: {
-        std::vector<std::uint8_t> depths(points), counts(points);
-        return unpack_octants(location.entry, packed, depths, counts, what);
+  // Returns in how many pieces the leaves are divided. Two pieces decode the groups that they share.
+  [[nodiscard]] std::uint64_t pieces_for(std::uint64_t workers) const {
+    if (workers == 1) return 1;
+    std::uint64_t shared = 0;
+    for (std::size_t resolution = 0; resolution < info_.resolutions(); ++resolution)
+      shared += points_of_groups(resolution + 1);
+    return std::min(pieces_per_worker * workers, 1 + info_.point_count() / (least_share * shared));
+  }
+
+  // Returns the points of a group of each of the coarsest segments.
+  [[nodiscard]] std::uint64_t points_of_groups(std::size_t segments) const {
+    return std::accumulate(info_.points_per_chunk.begin(),
+                           info_.points_per_chunk.begin() + static_cast<std::ptrdiff_t>(segments), std::uint64_t{0});
+  }
+
+  // Divides the columns so that a walk holds few chunks, and summaries of few attributes, at once.
+  [[nodiscard]] std::vector<Part> parts_of(std::size_t directory) const {
+    std::vector<int> columns;
+    for (int column = 0; column < static_cast<int>(info_.columns.size()); ++column)
+      if (volume_.is_of_step(column) == (directory == 1)) columns.push_back(column);
+    // The order in which what is wrong is told. Values come before value moments.
+    std::ranges::stable_sort(columns, {}, [&](int column) {
+      const Column& of = column_at(column);
+      return std::pair(of.attribute, of.kind);
+    });
+    std::vector<Part> parts;
+    std::uint64_t held = 0;
+    const auto add = [&](const Unit& unit, std::size_t resolutions) {
+      const Column& column = column_at(unit.column);
+      const std::uint64_t bytes = points_of_groups(resolutions) * held_bytes(column.kind);
+      held += bytes;
+      const std::size_t attribute = has_summaries(column.kind) ? static_cast<std::size_t>(column.attribute) : 0;
+      if (parts.empty() || held > most_held_bytes || attribute >= parts.back().first_attribute + most_attributes) {
+        parts.push_back({{}, attribute, attribute});
+        held = bytes;
       }
-      case ColumnKind::centroid: {
-        std::vector<dvec3> centroids(points);
-        return unpack_centroids(location.entry, packed, centroids, info_.cube, what);
-      }
-      case ColumnKind::moments: {
-        std::vector<SplatShape> shapes(points);
-        return unpack_moments(location.entry, packed, shapes, info_.cube.edge, what);
-      }
-      case ColumnKind::value_moments:
-        return check_value_moments(location.entry, packed, points, column.attribute, what);
-      case ColumnKind::gradient: {
-        std::vector<vec3> directions(points);
-        return unpack_gradients(location.entry, packed, directions, what);
-      }
-      case ColumnKind::unknown:
-        break;
-    }
-    // Chunks of unknown kinds cannot be decoded.
-    if (hash_bytes(packed) != location.entry.hash) return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
-    return {};
-  }
-
-  Status check_positions(const ChunkEntry& entry, std::span<const std::byte> packed, std::uint32_t points,
-                         const std::string& what) const {
-    std::vector<dvec3> positions(points);
-    SPLATVOL_TRY(unpack_positions(entry, packed, positions, info_.cube, what));
-    SPLATVOL_TRY_ASSIGN(error, stated_position_error(entry, packed));
-    if (error > info_.position_error)
-      return fail(ErrorCode::invalid_data, "{}: states a larger error than the metadata", what);
-    return {};
-  }
-
-  Status check_values(const ChunkEntry& entry, std::span<const std::byte> packed, std::uint32_t points,
-                      std::size_t attribute, const std::string& what, CheckedValues& sums) const {
-    std::vector<float> values(points);
-    SPLATVOL_TRY(unpack_values(entry, packed, values, what));
-    const ValueBins bins = bins_of(info_.attributes[attribute]);
-    const ValueSummary summary = bins.summarize(values);
-    if (summary.min != entry.min || summary.max != entry.max || summary.occupancy != entry.occupancy)
-      return fail(ErrorCode::invalid_data, "{}: range or occupancy is wrong", what);
-    SPLATVOL_TRY_ASSIGN(error, stated_value_error(entry, packed));
-    if (error * info_.attributes[attribute].scale > info_.attributes[attribute].error)
-      return fail(ErrorCode::invalid_data, "{}: has a larger error than the metadata state", what);
-    for (const float value : values) {
-      if (std::isnan(value))
-        ++sums.missing[attribute];
-      else
-        ++sums.histograms[attribute][static_cast<std::size_t>(bins.bin(double{value}))];
-    }
-    return {};
-  }
-
-  Status check_value_moments(const ChunkEntry& entry, std::span<const std::byte> packed, std::uint32_t points,
-                             int attribute, const std::string& what) const {
-    std::vector<ValueInterval> intervals(points);
-    SPLATVOL_TRY(unpack_value_intervals(entry, packed, intervals, what));
-    for (const ValueInterval& interval : intervals)
-      if (!is_in(summary_of(entry), interval, attribute))
-        return fail(ErrorCode::invalid_data, "{}: material has values that its range or occupancy leaves out [R22]",
-                    what);
-    return {};
-  }
-
-  // What the nodes of the index are checked against: a column, of value moments at some resolutions.
-  struct Contents {
-    ColumnKind kind = ColumnKind::position;
-    int attribute = no_attribute;
-    std::size_t first_resolution = 0, end_resolution = 0;
-  };
-
-  static std::vector<Contents> positions_only() { return {Contents{}}; }
-
-  Status check_nodes_and_values(const CheckedValues& values, std::vector<Contents> contents) const {
-    SPLATVOL_TRY(check_counted_values(values));
-    for (int attribute = 0; attribute < static_cast<int>(info_.attributes.size()); ++attribute) {
-      if (info_.find_column(ColumnKind::value, attribute) >= 0) contents.push_back({ColumnKind::value, attribute});
-      if (info_.find_column(ColumnKind::value_moments, attribute) >= 0) add_resolutions(attribute, contents);
-    }
-    return check_nodes(contents);
-  }
-
-  // Divides the resolutions of value moments so that each part holds few chunks at once.
-  void add_resolutions(int attribute, std::vector<Contents>& contents) const {
-    std::uint64_t held = most_held_intervals;  // the first resolution begins a part
-    for (std::size_t resolution = 0; resolution < info_.resolutions(); ++resolution) {
-      std::uint64_t points = 0;
-      for (std::size_t segment = 0; segment <= resolution; ++segment) points += info_.points_per_chunk[segment];
-      if (held + points > most_held_intervals) {
-        contents.push_back({ColumnKind::value_moments, attribute, resolution, resolution});
-        held = 0;
-      }
-      held += points;
-      contents.back().end_resolution = resolution + 1;
-    }
-  }
-
-  // The points of a segment, one after the other: their positions, their values, or what a resolution's splats have.
-  struct Cursor {
-    std::size_t segment = 0, resolution = 0;
-    std::uint64_t group = 0;  // the next one
-    std::vector<dvec3> positions = {};
-    std::vector<float> values = {};
-    std::vector<ValueInterval> intervals = {};
-    std::size_t at = 0, count = 0;                   // in the chunk
-    std::shared_ptr<const DirectoryPage> page = {};  // cursors share those that they have in common
-    std::uint64_t page_number = 0;
-  };
-
-  // A walk through the index, and through the points in the order of its leaves.
-  struct Walk {
-    Contents contents;
-    std::vector<Cursor> cursors = {};
-    std::vector<std::pair<std::uint8_t, ValueSummary>> path = {};  // from the root: first_resolution, and what it holds
-  };
-
-  [[nodiscard]] Walk start_walk(const Contents& contents) const {
-    Walk walk{contents};
-    const auto add = [&](std::size_t segment, std::size_t resolution) {
-      walk.cursors.push_back({segment, resolution, volume_.rows_.group_at(segment, 0)});
+      parts.back().units.push_back(unit);
+      if (has_summaries(column.kind)) parts.back().end_attribute = attribute + 1;
     };
-    if (contents.kind != ColumnKind::value_moments)
-      for (std::size_t segment = 0; segment < info_.resolutions(); ++segment) add(segment, segment);
-    for (std::size_t resolution = contents.first_resolution; resolution < contents.end_resolution; ++resolution)
-      for (std::size_t segment = 0; segment <= resolution; ++segment) add(segment, resolution);
+    for (const int column : columns) {
+      if (column_at(column).scope == ColumnScope::segment) {
+        add({column}, info_.resolutions());
+        continue;
+      }
+      for (std::size_t resolution = 0; resolution < info_.resolutions(); ++resolution)
+        add({column, resolution}, resolution + 1);
+    }
+    return parts;
+  }
+
+  [[nodiscard]] const Column& column_at(int column) const { return info_.columns[static_cast<std::size_t>(column)]; }
+
+  static bool has_summaries(ColumnKind kind) { return kind == ColumnKind::value || kind == ColumnKind::value_moments; }
+
+  // Returns the bytes that a walk holds of each point of a chunk.
+  static std::uint64_t held_bytes(ColumnKind kind) {
+    switch (kind) {
+      case ColumnKind::position:
+        return 3 * sizeof(std::uint64_t);
+      case ColumnKind::value:
+        return sizeof(float);
+      case ColumnKind::value_moments:
+        return sizeof(ValueInterval);
+      default:
+        return 0;
+    }
+  }
+
+  [[nodiscard]] Walk start_walk(const Part& part, std::uint64_t piece, std::uint64_t pieces,
+                                CheckedValues& values) const {
+    const std::uint64_t points = info_.point_count() / pieces, rest = info_.point_count() % pieces;
+    const auto begin_of = [&](std::uint64_t number) { return points * number + std::min(number, rest); };
+    Walk walk{part, values, {}, begin_of(piece), begin_of(piece + 1)};
+    walk.before.resize(info_.resolutions());
+    for (std::size_t segment = 0; segment < info_.resolutions(); ++segment) {
+      Cursor& cursor = walk.cursors.emplace_back();
+      cursor.pages.resize(info_.resolutions() - segment);
+      for (std::size_t resolution = segment; resolution < info_.resolutions(); ++resolution)
+        for (const Unit& unit : part.units)
+          if (unit.resolution.value_or(segment) == resolution) cursor.chunks.push_back({unit.column, resolution});
+      std::ranges::sort(cursor.chunks, {},
+                        [](const Chunk& chunk) { return std::pair(chunk.resolution, chunk.column); });
+    }
     return walk;
   }
 
-  Status read_group(const Walk& walk, Cursor& cursor) const {
-    const Contents& contents = walk.contents;
-    const Group group = volume_.rows_.group(cursor.group);
-    const std::uint64_t row = volume_.rows_.row(cursor.resolution, cursor.group++);
-    const int column = info_.find_column(contents.kind, contents.attribute);
-    SPLATVOL_TRY(read_directory_page(walk, volume_.directory_page_of_row(row, column), cursor));
-    const ChunkLocation& location = volume_.find_chunk(*cursor.page, row, column);
-    SPLATVOL_TRY_ASSIGN(packed, volume_.read_bytes(location.offset, location.entry.packed_bytes));
-    const std::string what = fmt::format("{}: chunk at {}", volume_.name(), location.offset);
-    cursor.at = 0;
-    cursor.count = group.count;
-    if (contents.kind == ColumnKind::position) {
-      cursor.positions.resize(group.count);
-      return unpack_positions(location.entry, packed, cursor.positions, info_.cube, what);
-    }
-    if (contents.kind == ColumnKind::value_moments) {
-      cursor.intervals.resize(group.count);
-      return unpack_value_intervals(location.entry, packed, cursor.intervals, what);
-    }
-    cursor.values.resize(group.count);
-    return unpack_values(location.entry, packed, cursor.values, what);
-  }
-
-  Status read_directory_page(const Walk& walk, std::uint64_t number, Cursor& cursor) const {
-    const auto is_it = [&](const Cursor& other) { return other.page && other.page_number == number; };
-    if (is_it(cursor)) return {};
-    cursor.page.reset();
-    cursor.page_number = number;
-    if (const auto other = std::ranges::find_if(walk.cursors, is_it); other != walk.cursors.end()) {
-      cursor.page = other->page;
-      return {};
-    }
-    SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
-    cursor.page = std::make_shared<const DirectoryPage>(std::move(page));
-    return {};
-  }
-
-  // Checks the nodes of the index against the points in them. Points of a segment are in the order of the leaves.
-  Status check_nodes(const std::vector<Contents>& contents) const {
-    return run_tasks(contents.size(), threads_, [&](std::size_t number, std::size_t) -> Status {
-      Walk walk = start_walk(contents[number]);
-      SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root({walk.contents.attribute}));
-      return check_node(root, 0, info_.cube, walk);
-    });
+  Result<Page> with_summaries(IndexPage index, std::uint64_t offset, const Walk& walk) const {
+    SPLATVOL_TRY_ASSIGN(summaries, read_summaries(offset, index, walk.part.first_attribute, walk.part.end_attribute));
+    return Page{std::move(index), std::move(summaries)};
   }
 
   // NOLINTNEXTLINE(misc-no-recursion): no node is deeper than max_node_depth.
-  Status check_node(const IndexPage& page, std::size_t node, const Cube& cube, Walk& walk) const {
-    const int attribute = walk.contents.attribute;
-    walk.path.emplace_back(page.nodes.first_resolutions[node],
-                           attribute == no_attribute ? ValueSummary{} : page.nodes.summaries[node]);
-    SPLATVOL_TRY(check_children(page, node, cube, walk));
+  Status check_node(const Page& page, std::size_t node, const Cube& cube, Walk& walk) const {
+    const auto counts = page.index.nodes.counts_of(node);
+    const std::uint64_t points = std::accumulate(counts.begin(), counts.end(), std::uint64_t{0});
+    const bool is_leaf = page.index.nodes.child_masks[node] == 0;
+    const bool is_passed = is_leaf ? walk.at < walk.begin : walk.at + points <= walk.begin;
+    if (is_passed || walk.at >= walk.end) {
+      for (std::size_t segment = 0; segment < counts.size(); ++segment) walk.before[segment] += counts[segment];
+      walk.at += points;
+      return {};
+    }
+    if (!walk.path.empty()) check_ranges(walk.path.back(), {&page, node}, walk);
+    walk.path.push_back({&page, node});
+    if (is_leaf) {
+      SPLATVOL_TRY(check_leaf(counts, cube, walk));
+      walk.at += points;
+    } else {
+      SPLATVOL_TRY(check_children(page, node, cube, walk));
+    }
     walk.path.pop_back();
     return {};
   }
 
   // NOLINTNEXTLINE(misc-no-recursion)
-  Status check_children(const IndexPage& page, std::size_t node, const Cube& cube, Walk& walk) const {
-    const std::uint8_t mask = page.nodes.child_masks[node];
-    if (mask == 0) return check_leaf(page.nodes.counts_of(node), cube, walk);
-    const int attribute = walk.contents.attribute;
-    std::optional<IndexPage> linked;
-    if (page.links[node] != IndexPage::no_node) {
-      SPLATVOL_TRY_ASSIGN(
-          read, volume_.read_index_page(page.pages[page.links[node]], mask, page.nodes.counts_of(node), {attribute}));
-      linked = std::move(read);
-      SPLATVOL_TRY(check_interruption());
+  Status check_children(const Page& page, std::size_t node, const Cube& cube, Walk& walk) const {
+    const IndexPage& index = page.index;
+    const std::uint8_t mask = index.nodes.child_masks[node];
+    std::optional<Page> linked;
+    if (index.links[node] != IndexPage::no_node) {
+      const IndexPageRef& ref = index.pages[index.links[node]];
+      SPLATVOL_TRY_ASSIGN(read, volume_.read_index_page(ref, mask, index.nodes.counts_of(node), {}));
+      SPLATVOL_TRY_SET(linked, with_summaries(std::move(read), volume_.index_page_offset(ref), walk));
+      if (walk.progress && walk.at >= walk.begin) walk.progress(walk.at);
     }
-    const IndexPage& below = linked ? *linked : page;
-    std::size_t child = linked ? 0 : page.first_children[node];
+    const Page& below = linked ? *linked : page;
+    std::size_t child = linked ? 0 : index.first_children[node];
     for (unsigned octant = 0; octant < 8; ++octant) {
       if ((mask >> octant & 1) == 0) continue;
-      if (attribute != no_attribute && !holds(page.nodes.summaries[node], below.nodes.summaries[child]))
-        return volume_.broken("a node of the index has a range that is not in that of its parent");
       const double half = cube.edge / 2;
       const Cube part{cube.origin + half * dvec3(octant & 1, octant >> 1 & 1, octant >> 2), half};
       SPLATVOL_TRY(check_node(below, child++, part, walk));
     }
     return {};
+  }
+
+  static const ValueSummary& summary_at(const Node& node, int attribute, const Walk& walk) {
+    return node.page->summaries[static_cast<std::size_t>(attribute) - walk.part.first_attribute][node.number];
+  }
+
+  // Checks a node against its parent.
+  void check_ranges(const Node& parent, const Node& node, Walk& walk) const {
+    int last = -1;
+    for (const Unit& unit : walk.part.units) {
+      const auto [kind, scope, attribute] = column_at(unit.column);
+      // With the values, or else with the value moments.
+      if (attribute == last || !has_summaries(kind)) continue;
+      last = attribute;
+      if (kind == ColumnKind::value_moments && info_.find_column(ColumnKind::value, attribute) >= 0) continue;
+      if (!holds(summary_at(parent, attribute, walk), summary_at(node, attribute, walk)))
+        walk.found.add_nodes(order_of(kind, attribute),
+                             volume_.broken("a node of the index has a range that is not in that of its parent"));
+    }
+  }
+
+  // Returns when it is told what is wrong with the nodes and a column.
+  static std::uint64_t order_of(ColumnKind kind, int attribute) {
+    const std::uint64_t of_attribute = 2 * static_cast<std::uint64_t>(attribute + 1);
+    return kind == ColumnKind::position ? 0 : of_attribute + (kind == ColumnKind::value_moments ? 1 : 0);
   }
 
   static bool holds(const ValueSummary& outer, const ValueSummary& inner) {
@@ -469,43 +518,197 @@ class Volume::Verifier {
   }
 
   Status check_leaf(std::span<const std::uint64_t> counts, const Cube& cube, Walk& walk) const {
-    for (Cursor& cursor : walk.cursors) {
-      const ValueSummary& drawn = drawn_alone(walk, cursor.resolution);
-      for (std::uint64_t left = counts[cursor.segment]; left > 0; --left, ++cursor.at) {
-        if (cursor.at == cursor.count) SPLATVOL_TRY(read_group(walk, cursor));
-        SPLATVOL_TRY(check_point(walk, cursor, cube, drawn));
+    for (std::size_t segment = 0; segment < counts.size(); ++segment) {
+      const Cursor& cursor = walk.cursors[segment];
+      std::uint64_t& next = walk.before[segment];
+      for (const std::uint64_t end = next + counts[segment]; next < end;) {
+        if (next >= cursor.end) SPLATVOL_TRY(read_group(segment, walk));
+        const std::uint64_t first = next;
+        next = std::min(end, cursor.end);
+        // Numbers of a chunk that is wrong mean nothing, and what is wrong with chunks is told first.
+        if (walk.found.chunk == Findings::nothing)
+          check_points(cursor, first - cursor.begin, next - cursor.begin, cube, walk);
       }
     }
     return {};
   }
 
-  // Returns what the smallest node round a leaf holds that may be drawn at a resolution. No cluster crosses its border.
-  static const ValueSummary& drawn_alone(const Walk& walk, std::size_t resolution) {
-    const auto found =
-        std::find_if(walk.path.rbegin(), walk.path.rend(), [&](const auto& node) { return node.first <= resolution; });
-    return found == walk.path.rend() ? walk.path.front().second : found->second;
+  // Reads the group of the segment's next point, and checks its chunks.
+  Status read_group(std::size_t segment, Walk& walk) const {
+    Cursor& cursor = walk.cursors[segment];
+    const std::uint64_t next = walk.before[segment];
+    const std::uint64_t number = volume_.rows_.group_at(segment, next);
+    const std::uint32_t points = volume_.rows_.group(number).count;
+    cursor.begin = next - next % info_.points_per_chunk[segment];
+    cursor.end = cursor.begin + points;
+    const bool begins_here = next == cursor.begin;  // else, the walk before has checked it, too
+    for (auto chunk = cursor.chunks.begin(); chunk != cursor.chunks.end();) {
+      const std::size_t resolution = chunk->resolution;
+      const std::uint64_t row = volume_.rows_.row(resolution, number);
+      Cursor::Page& held = cursor.pages[resolution - segment];
+      SPLATVOL_TRY(read_directory_page(volume_.directory_page_of_row(row, chunk->column), walk, held));
+      // Reads a row at once if all of it is needed.
+      walk.bytes.clear();
+      const std::uint64_t row_end = begins_here && walk.has_all ? end_of_row(*held.page, row) : 0;
+      for (; chunk != cursor.chunks.end() && chunk->resolution == resolution; ++chunk) {
+        if (!begins_here && held_bytes(column_at(chunk->column).kind) == 0) continue;
+        const ChunkLocation& location = volume_.find_chunk(*held.page, row, chunk->column);
+        chunk->summary = summary_of(location.entry);
+        SPLATVOL_TRY_ASSIGN(packed, read_chunk(location, row_end, walk));
+        const Status checked = check_chunk(location, packed, points, begins_here, *chunk, cursor, walk);
+        if (!checked) walk.found.add_chunk(location.offset, checked);
+      }
+    }
+    return check_interruption();
   }
 
-  Status check_point(const Walk& walk, const Cursor& cursor, const Cube& cube, const ValueSummary& drawn) const {
-    const int attribute = walk.contents.attribute;
-    switch (walk.contents.kind) {
+  [[nodiscard]] std::uint64_t end_of_row(const DirectoryPage& page, std::uint64_t row) const {
+    const std::uint64_t chunks = volume_.directories_[page.directory].rows.chunks_before(row + 1) - page.first_chunk;
+    const ChunkLocation& last = page.chunks[chunks - 1];
+    return last.offset + last.entry.packed_bytes;
+  }
+
+  // Returns the bytes of a chunk, which are valid until the next call. Reads those up to `row_end` with it.
+  Result<std::span<const std::byte>> read_chunk(const ChunkLocation& location, std::uint64_t row_end,
+                                                Walk& walk) const {
+    const std::uint64_t count = location.entry.packed_bytes;
+    if (walk.bytes.empty() || location.offset + count > walk.bytes_begin + walk.bytes.size()) {
+      const std::uint64_t end = std::min(row_end, location.offset + most_read_bytes);
+      SPLATVOL_TRY_SET(walk.bytes,
+                       volume_.read_bytes(location.offset, std::max(location.offset + count, end) - location.offset));
+      walk.bytes_begin = location.offset;
+    }
+    return std::span<const std::byte>(walk.bytes).subspan(location.offset - walk.bytes_begin, count);
+  }
+
+  Status read_directory_page(std::uint64_t number, const Walk& walk, Cursor::Page& held) const {
+    const auto is_it = [&](const Cursor::Page& other) { return other.page && other.number == number; };
+    if (is_it(held)) return {};
+    held = {{}, number};
+    for (const Cursor& cursor : walk.cursors)
+      if (const auto other = std::ranges::find_if(cursor.pages, is_it); other != cursor.pages.end()) {
+        held.page = other->page;
+        return {};
+      }
+    SPLATVOL_TRY_ASSIGN(page, volume_.read_directory_page(number));
+    held.page = std::make_shared<const DirectoryPage>(std::move(page));
+    return {};
+  }
+
+  // Decodes a chunk, for the nodes, too. `counts`: whether its values are counted.
+  Status check_chunk(const ChunkLocation& location, std::span<const std::byte> packed, std::uint32_t points,
+                     bool counts, Chunk& chunk, Cursor& cursor, Walk& walk) const {
+    const ChunkEntry& entry = location.entry;
+    const std::string what = fmt::format("{}: chunk at {}", volume_.name(), location.offset);
+    const Column& column = column_at(chunk.column);
+    switch (column.kind) {
       case ColumnKind::position:
-        if (is_in(cube, cursor.positions[cursor.at])) return {};
-        return volume_.broken("a point lies outside of its node of the index");
+        SPLATVOL_TRY(unpack_position_codes(entry, packed, points, info_.cube, what, cursor.positions));
+        if (cursor.positions.error > info_.position_error)
+          return fail(ErrorCode::invalid_data, "{}: states a larger error than the metadata", what);
+        return {};
+      case ColumnKind::value:
+        chunk.values.resize(points);
+        return check_values(entry, packed, chunk, what, counts ? &walk.values : nullptr);
+      case ColumnKind::octant:
+        walk.depths.resize(points);
+        walk.counts.resize(points);
+        return unpack_octants(entry, packed, walk.depths, walk.counts, what);
+      case ColumnKind::centroid:
+        return unpack_centroid_codes(entry, packed, points, info_.cube, what, walk.centroids);
+      case ColumnKind::moments:
+        return unpack_moment_codes(entry, packed, points, info_.cube.edge, what, walk.moments);
       case ColumnKind::value_moments:
-        if (is_in(drawn, cursor.intervals[cursor.at], attribute)) return {};
-        return volume_.broken("material has values that the range or occupancy of its node leaves out [R22]");
-      default:
-        if (is_in(walk.path.back().second, cursor.values[cursor.at], attribute)) return {};
-        return volume_.broken("a value lies outside of the range of its node of the index");
+        chunk.intervals.resize(points);
+        SPLATVOL_TRY(unpack_value_intervals(entry, packed, chunk.intervals, what));
+        if (!all_of(chunk.summary, std::span(std::as_const(chunk.intervals)), column.attribute))
+          return fail(ErrorCode::invalid_data, "{}: material has values that its range or occupancy leaves out [R22]",
+                      what);
+        return {};
+      case ColumnKind::gradient:
+        walk.directions.resize(points);
+        return unpack_gradient_codes(entry, packed, walk.directions, what);
+      case ColumnKind::unknown:
+        break;
+    }
+    return check_packed(entry, packed, what);  // chunks of unknown kinds cannot be decoded
+  }
+
+  Status check_values(const ChunkEntry& entry, std::span<const std::byte> packed, Chunk& chunk, const std::string& what,
+                      CheckedValues* sums) const {
+    const int number = column_at(chunk.column).attribute;
+    const Attribute& attribute = info_.attributes[static_cast<std::size_t>(number)];
+    SPLATVOL_TRY_ASSIGN(error, unpack_values_and_error(entry, packed, chunk.values, what));
+    const ValueBins& bins = bins_[static_cast<std::size_t>(number)];
+    ValueSummary summary;
+    Histogram histogram{};
+    std::uint64_t missing = 0;
+    for (const float value : chunk.values) {
+      if (std::isnan(value)) {
+        ++missing;
+        continue;
+      }
+      summary.min = std::min(summary.min, value);
+      summary.max = std::max(summary.max, value);
+      ++histogram[static_cast<std::size_t>(bins.bin(double{value}))];
+    }
+    for (std::size_t bin = 0; bin < histogram.size(); ++bin)
+      if (histogram[bin] > 0) summary.occupancy |= std::uint64_t{1} << bin;
+    if (summary.min != entry.min || summary.max != entry.max || summary.occupancy != entry.occupancy)
+      return fail(ErrorCode::invalid_data, "{}: range or occupancy is wrong", what);
+    if (error * attribute.scale > attribute.error)
+      return fail(ErrorCode::invalid_data, "{}: has a larger error than the metadata state", what);
+    if (!sums) return {};
+    sums->missing[static_cast<std::size_t>(number)] += missing;
+    Histogram& sum = sums->histograms[static_cast<std::size_t>(number)];
+    std::ranges::transform(sum, histogram, sum.begin(), std::plus());
+    return {};
+  }
+
+  // Checks points of a group against the leaf that they are in, and the nodes round it.
+  void check_points(const Cursor& cursor, std::size_t begin, std::size_t end, const Cube& cube, Walk& walk) const {
+    for (const Chunk& chunk : cursor.chunks) {
+      const auto [kind, scope, attribute] = column_at(chunk.column);
+      const char* broken = nullptr;
+      if (kind == ColumnKind::position) {
+        if (!is_in(cube, cursor.positions, begin, end)) broken = "a point lies outside of its node of the index";
+      } else if (kind == ColumnKind::value) {
+        const ValueSummary& leaf = summary_at(walk.path.back(), attribute, walk);
+        if (!holds(leaf, chunk.summary) &&
+            !all_of(leaf, std::span(chunk.values).subspan(begin, end - begin), attribute))
+          broken = "a value lies outside of the range of its node of the index";
+      } else if (kind == ColumnKind::value_moments) {
+        const ValueSummary& drawn = summary_at(drawn_alone(walk, chunk.resolution), attribute, walk);
+        if (!holds(drawn, chunk.summary) &&
+            !all_of(drawn, std::span(chunk.intervals).subspan(begin, end - begin), attribute))
+          broken = "material has values that the range or occupancy of its node leaves out [R22]";
+      }
+      if (broken) walk.found.add_nodes(order_of(kind, attribute), volume_.broken(broken));
     }
   }
 
+  // Returns the smallest node round a leaf that may be drawn at a resolution. No cluster crosses its border.
+  static const Node& drawn_alone(const Walk& walk, std::size_t resolution) {
+    const auto found = std::find_if(walk.path.rbegin(), walk.path.rend(), [&](const Node& node) {
+      return node.page->index.nodes.first_resolutions[node.number] <= resolution;
+    });
+    return found == walk.path.rend() ? walk.path.front() : *found;
+  }
+
   // Points were sorted before they were rounded.
-  bool is_in(const Cube& cube, const dvec3& position) const {
+  bool is_in(const Cube& cube, const PositionCodes& positions, std::size_t begin, std::size_t end) const {
     const double error = info_.position_error + 1e-9 * info_.cube.edge;
-    return glm::all(glm::greaterThanEqual(position, cube.origin - error)) &&
-           glm::all(glm::lessThanEqual(position, cube.origin + (cube.edge + error)));
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto [low, high] = positions.range(axis, begin, end);
+      if (!(low >= cube.origin[axis] - error && high <= cube.origin[axis] + (cube.edge + error))) return false;
+    }
+    return true;
+  }
+
+  // Whether a summary leaves out none of the values, or of the material's values.
+  template <class Number>
+  bool all_of(const ValueSummary& summary, std::span<const Number> numbers, int attribute) const {
+    return std::ranges::all_of(numbers, [&](const Number& number) { return is_in(summary, number, attribute); });
   }
 
   bool is_in(const ValueSummary& summary, float value, int attribute) const {
@@ -514,10 +717,8 @@ class Volume::Verifier {
     const double error = of.error / of.scale + 1e-6 * std::abs(double{value});
     if (!(value >= summary.min - error && value <= summary.max + error)) return false;
     // The value may have been in any of these bins before it was rounded.
-    const ValueBins bins = bins_of(of);
-    for (auto bin = bins.bin(value - error); bin <= bins.bin(value + error); ++bin)
-      if ((summary.occupancy >> bin & 1) != 0) return true;
-    return false;
+    return is_occupied(summary, value, attribute) ||
+           (bins_[static_cast<std::size_t>(attribute)].between(value - error, value + error) & summary.occupancy) != 0;
   }
 
   // Whether a bin is occupied that overlaps the range and the interval.
@@ -527,7 +728,12 @@ class Volume::Verifier {
     const double lost = lost_deviation / of.scale;
     const double low = std::max(interval.low - lost, double{summary.min});
     const double high = std::min(interval.high + lost, double{summary.max});
-    return low <= high && (bins_of(of).between(low, high) & summary.occupancy) != 0;
+    return low <= high && (is_occupied(summary, low, attribute) ||
+                           (bins_[static_cast<std::size_t>(attribute)].between(low, high) & summary.occupancy) != 0);
+  }
+
+  bool is_occupied(const ValueSummary& summary, double value, int attribute) const {
+    return (summary.occupancy >> bins_[static_cast<std::size_t>(attribute)].bin(value) & 1) != 0;
   }
 
   Status check_counted_values(const CheckedValues& values) const {
@@ -542,11 +748,17 @@ class Volume::Verifier {
     return {};
   }
 
+  std::uint64_t root_offset() const { return volume_.file_->find_section(SectionKind::index_root)->offset; }
   const SectionEntry& index_section() const { return *volume_.file_->find_section(SectionKind::index_pages); }
 
-  static constexpr int no_attribute = -1;
-  // That a walk holds at once; one resolution may have more. Files of svbuild take one walk.
-  static constexpr std::uint64_t most_held_intervals = std::uint64_t{1} << 20;
+  // That a walk holds of chunks; those of one column and resolution may have more.
+  static constexpr std::uint64_t most_held_bytes = std::uint64_t{1} << 22;
+  // Whose summaries a walk holds. Files of svbuild with as many take one walk.
+  static constexpr std::size_t most_attributes = 16;
+  // Of a row, at once.
+  static constexpr std::uint64_t most_read_bytes = std::uint64_t{1} << 18;
+  // Enough pieces that all threads end at about the same time, each of so many times the points that it shares.
+  static constexpr std::uint64_t pieces_per_worker = 8, least_share = 8;
   // A deviation under this, of values, has a variance that is too small for double precision.
   static constexpr double lost_deviation = 0x1p-500;
   // Thousands of attributes have fewer threads.
@@ -554,11 +766,13 @@ class Volume::Verifier {
   // A dead part is a step directory and a footer.
   static constexpr std::uint64_t max_dead_bytes = std::uint64_t{1} << 30;
   static constexpr const char* untiled_index = "index pages do not tile their section [R16]";
+  static constexpr const char* untiled_rows = "chunks do not tile the rows [R12]";
 
   const Volume& volume_;
   const VolumeInfo& info_;
   const std::function<void(double)>& progress_;  // called by this thread only
   std::size_t threads_;
+  std::vector<ValueBins> bins_;                                 // [attribute]
   std::vector<std::pair<std::uint64_t, std::uint64_t>> pages_;  // offset, bytes
   std::uint64_t page_bytes_ = 0;                                // of all in pages_
 };

@@ -1,12 +1,12 @@
 #include "format/verify_cells.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <map>
 #include <numeric>
 #include <optional>
-#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -29,14 +29,26 @@ bool is_box(const double (&low)[3], const double (&high)[3], const Box& box) {
   return true;
 }
 
+// What the order of cells of one shape is by.
+struct CellKey {
+  std::uint64_t point = 0;               // of a constant field
+  std::span<const std::uint64_t> ranks;  // ascending; of a polyhedron its first, or none
+  [[nodiscard]] bool is_before(const CellKey& other) const {
+    return point != other.point ? point < other.point : std::ranges::lexicographical_compare(ranks, other.ranks);
+  }
+};
+
 // The cells that a page begins and ends with.
 struct Ends {
   struct Cell {
     CellShape shape{};
-    std::uint64_t point = 0;           // of a constant field
-    std::vector<std::uint64_t> ranks;  // ascending; of a polyhedron, what the order is by: its first, or none
+    std::uint64_t point = 0;
+    std::vector<std::uint64_t> ranks = {};
+    Cell() = default;
+    Cell(CellShape of, const CellKey& key) : shape(of), point(key.point), ranks(key.ranks.begin(), key.ranks.end()) {}
+    [[nodiscard]] CellKey key() const { return {point, ranks}; }
     [[nodiscard]] bool is_before(const Cell& other) const {
-      return shape == other.shape && std::tie(point, ranks) < std::tie(other.point, other.ranks);
+      return shape == other.shape && key().is_before(other.key());
     }
   };
   Cell first, last;
@@ -57,12 +69,13 @@ class CellVerifier {
         info_(volume_.info()),
         progress_(progress),
         threads_(std::max<std::size_t>(threads, 1)),
+        of_step_(of_step),
         points_(cells, own_room(threads_ * held_bytes)),
         vertices_([&cells](std::size_t page) { return cells.read_vertex_page(page); }, own_room(threads_ * held_bytes)),
         ends_(cells.pages().size()),
         kinds_(threads_) {
     // Summaries of a series are in its steps.
-    if (!info_.series || of_step)
+    if (!info_.series || of_step_)
       for (const Attribute& attribute : info_.attributes) bins_.push_back(bins_of(attribute));
   }
 
@@ -171,18 +184,13 @@ class CellVerifier {
   Status check_chunk(const CellChunkEntry& entry, Ends& ends, const SummaryOf& summary_of) const {
     if (!is_known(entry.shape, entry.field)) return cells_.check_bytes(entry);
     SPLATVOL_TRY_ASSIGN(cells, cells_.read_chunk(entry));
-    SPLATVOL_TRY(check_order(cells, ends));
+    // Steps have the same cells: order and extent are checked once.
+    if (!of_step_) SPLATVOL_TRY(check_order(cells, ends));
     const bool is_constant = cells.field == CellField::constant;
     const LocalCells local = number_corners(cells.corners);
     std::vector<RankedPoints::Place> places;
-    std::vector<dvec3> positions;
-    if (is_constant) {
-      SPLATVOL_TRY(vertices_.read_positions(local.ranks, positions));
-    } else {
-      SPLATVOL_TRY_SET(places, find_points(local.ranks));
-      SPLATVOL_TRY(points_.read_positions(places, positions));
-    }
-    SPLATVOL_TRY(check_extent(cells, entry, local, positions));
+    if (!is_constant) SPLATVOL_TRY_SET(places, find_points(local.ranks));
+    if (!of_step_) SPLATVOL_TRY(check_extent(cells, entry, local, places));
     if (is_constant) SPLATVOL_TRY_SET(places, find_points(cells.points));
     std::vector<float> values;
     for (std::size_t a = 0; a < bins_.size(); ++a) {
@@ -197,13 +205,19 @@ class CellVerifier {
   Result<std::vector<RankedPoints::Place>> find_points(std::span<const std::uint64_t> ranks) const {
     std::vector<RankedPoints::Place> places;
     SPLATVOL_TRY(points_.find(ranks, places));
-    if (RankedPoints::groups_of(places).size() > max_chunk_groups)
+    if (places.size() > max_chunk_groups && RankedPoints::groups_of(places).size() > max_chunk_groups)
       return broken("a chunk of cells has corners in too many groups");
     return places;
   }
 
+  // `places`: of corners that are points.
   Status check_extent(const CellChunk& cells, const CellChunkEntry& entry, const LocalCells& local,
-                      std::span<const dvec3> positions) const {
+                      std::span<const RankedPoints::Place> places) const {
+    std::vector<dvec3> positions;
+    if (cells.field == CellField::constant)
+      SPLATVOL_TRY(vertices_.read_positions(local.ranks, positions));
+    else
+      SPLATVOL_TRY(points_.read_positions(places, positions));
     if (local.ranks.size() != entry.points) return broken("a chunk of cells has corners at others than it states");
     const CellExtent extent = measure_cells(cells, local, positions);
     if (!is_box(entry.low, entry.high, extent.box) || !is_area_of(entry.area, extent.area))
@@ -218,18 +232,24 @@ class CellVerifier {
   }
 
   Status check_order(const CellChunk& cells, Ends& ends) const {
-    Ends::Cell cell{cells.shape, 0, {}};
+    std::array<std::vector<std::uint64_t>, 2> sorted;  // of the present cell, and of that before it
+    bool has_last = ends.last.shape == cells.shape;
+    CellKey last = ends.last.key();
     for (std::size_t i = 0; i < cells.size(); ++i) {
       auto corners = cells.corners_at(i);
       if (cells.shape == CellShape::polyhedron) corners = corners.first(cells.field == CellField::corners ? 1 : 0);
-      cell.point = cells.points.empty() ? 0 : cells.points[i];
-      cell.ranks.assign(corners.begin(), corners.end());
-      sort_corners(cell.ranks);
-      if (cell.is_before(ends.last)) return unordered();
-      if (ends.first.shape == CellShape{}) ends.first = cell;
-      std::swap(cell, ends.last);
-      cell.shape = cells.shape;
+      if (!std::ranges::is_sorted(corners)) {
+        sorted[i % 2].assign(corners.begin(), corners.end());
+        sort_corners(sorted[i % 2]);
+        corners = sorted[i % 2];
+      }
+      const CellKey key{cells.points.empty() ? 0 : cells.points[i], corners};
+      if (has_last && key.is_before(last)) return unordered();
+      if (ends.first.shape == CellShape{}) ends.first = {cells.shape, key};
+      has_last = true;
+      last = key;
     }
+    ends.last = {cells.shape, last};
     return {};
   }
 
@@ -258,6 +278,7 @@ class CellVerifier {
   const VolumeInfo& info_;
   const std::function<void(double)>& progress_;  // called by this thread only
   std::size_t threads_;
+  bool of_step_;
   std::vector<ValueBins> bins_;  // [attribute]
   RankedPoints points_;
   CellVertices vertices_;

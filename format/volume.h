@@ -196,14 +196,14 @@ class Volume {
   /// of points. Fails if an append was interrupted, and the same way with any number of threads.
   [[nodiscard]] Status verify(const std::function<void(double)>& progress, std::size_t threads = 1) const;
 
-  /// What the chunks of values hold.
+  /// What some chunks of values hold.
   struct CheckedValues {
     std::vector<Histogram> histograms = {};   // [attribute]
     std::vector<std::uint64_t> missing = {};  // [attribute]
   };
 
-  /// The part of verify() that takes most of the time, divided: checks the chunks of every `parts`-th directory page,
-  /// from page `part` on. Not for a series.
+  /// The part of verify() that takes most of the time, divided: checks some of the chunks, and the nodes of the index
+  /// round their points. The parts from 0 to `parts` - 1 together check all. Not for a series.
   [[nodiscard]] Result<CheckedValues> verify_chunks(std::uint64_t part, std::uint64_t parts,
                                                     const std::function<void(double)>& progress) const;
 

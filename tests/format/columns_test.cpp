@@ -57,7 +57,7 @@ PositionHeader header_of(const PackedChunk& chunk) {
 // Positions come back within the requested bound, and within the bound that the chunk states.
 void expect_within(const std::vector<dvec3>& positions, double error) {
   const PackedChunk chunk = pack_positions(positions, error);
-  const double stated = stated_position_error(chunk.entry, chunk.bytes).value();
+  const double stated = header_of(chunk).error;
   EXPECT_LE(stated, error);
   EXPECT_LE(largest_error(positions, unpacked(chunk, positions.size())), stated) << "error " << error;
 }
@@ -138,7 +138,7 @@ TEST(PositionColumn, NoErrorMeansExact) {
     for (const double error : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN()}) {
       const PackedChunk chunk = pack_positions(positions, error);
       EXPECT_EQ(header_of(chunk).form, 2);
-      EXPECT_EQ(stated_position_error(chunk.entry, chunk.bytes).value(), 0);
+      EXPECT_EQ(header_of(chunk).error, 0);
       EXPECT_EQ(unpacked(chunk, positions.size()), positions);
     }
   }
@@ -389,7 +389,7 @@ TEST(ValueColumn, DescribesTheValuesAsTheyComeBack) {
     EXPECT_EQ(stored.missing, gone);
     EXPECT_LE(largest, stored.error);
     EXPECT_LE(stored.error, error);
-    EXPECT_EQ(stored.error, stated_value_error(chunk.entry, chunk.bytes).value());
+    EXPECT_EQ(stored.error, unpack_values_and_error(chunk.entry, chunk.bytes, out, "test").value());
     EXPECT_EQ(stored.error > 0, error > 0);
   }
 }

@@ -9,6 +9,7 @@
 #include <random>
 
 #include "base/file.h"
+#include "format/codes.h"
 #include "tests/format/allocation_counter.h"
 #include "tests/support/fault_source.h"
 #include "tests/support/long.h"
@@ -77,9 +78,10 @@ void expect_same_material(const ChunkEntry& entry, const Bytes& packed, const Co
   std::vector<vec3> gradients(group.count);
   if (column.kind == ColumnKind::centroid) {
     ASSERT_TRUE(unpack_centroids(entry, packed, centroids, volume.info.cube, "test"));
-    const double error = stated_position_error(entry, packed).value();
+    PositionCodes codes;
+    ASSERT_TRUE(unpack_centroid_codes(entry, packed, group.count, volume.info.cube, "test", codes));
     for (std::size_t i = 0; i < group.count; ++i)
-      EXPECT_LE(glm::distance(centroids[i], volume.centroids[resolution][group.begin + i]), 2 * error);
+      EXPECT_LE(glm::distance(centroids[i], volume.centroids[resolution][group.begin + i]), 2 * codes.error);
   } else if (column.kind == ColumnKind::moments) {
     ASSERT_TRUE(unpack_moments(entry, packed, shapes, volume.info.cube.edge, "test"));
     for (std::size_t i = 0; i < group.count; ++i) {
@@ -277,11 +279,13 @@ TEST(Damage, IsToldTheSameWayByAnyNumberOfThreads) {
   Bytes bytes = test_volume_bytes(small_volume(is_sanitized ? 6'000 : 20'000, 3, {.node_points = 8}));
   ASSERT_GT(Volume::open(memory_source(bytes, "test.svol")).value()->directory_page_count(), 4u);
   for (const std::size_t threads : {0u, 1u, 2u, 16u}) EXPECT_TRUE(verify_bytes(bytes, threads)) << threads;
+  EXPECT_TRUE(verify_in_parts(bytes));
   std::mt19937 random(2);
   for (int tries = 0; tries < (is_sanitized ? 3 : 100); ++tries) {
     const std::array<std::size_t, 2> at = {random() % bytes.size(), random() % bytes.size()};
     for (const std::size_t i : at) bytes[i] ^= std::byte{1};
     const Status status = verify_bytes(bytes), by_many = verify_bytes(bytes, 4);
+    EXPECT_FALSE(verify_in_parts(bytes)) << "bytes " << at[0] << " and " << at[1];
     for (const std::size_t i : at) bytes[i] ^= std::byte{1};
     ASSERT_FALSE(status) << "bytes " << at[0] << " and " << at[1];
     ASSERT_FALSE(by_many) << "bytes " << at[0] << " and " << at[1];
@@ -558,6 +562,14 @@ TEST(Verify, AnIndexThatLiesIsFound) {
   const auto [low, high] = std::ranges::minmax_element(swapped.positions, {}, &dvec3::x);
   std::swap(*low, *high);
   EXPECT_THAT(refusal_of(swapped), testing::HasSubstr("outside of its node"));
+}
+
+// More than one walk through the index takes.
+TEST(Verify, AnIndexThatLiesAboutTheLastOfManyAttributesIsFound) {
+  TestVolume volume = small_volume(100, 40);
+  EXPECT_EQ(refusal_of(volume), "");
+  volume.tree.summaries.back().occupancy = 0;
+  EXPECT_THAT(refusal_of(volume), testing::HasSubstr("of the index"));
 }
 
 }  // namespace
