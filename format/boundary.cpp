@@ -56,7 +56,7 @@ std::vector<std::size_t> order_of_triangles(const TriangleMesh& mesh) {
 
 // Numbers the points in the order in which triangles name them first. The code of an index is its distance from the
 // number that the next new point would have.
-Bytes make_payload(const TriangleMesh& mesh, const Grid& grid, PatchInfo& info) {
+Payload make_payload(const TriangleMesh& mesh, const Grid& grid, PatchInfo& info) {
   std::vector<std::uint32_t> numbers(mesh.points.size(), none), codes;
   std::vector<std::array<std::int64_t, 3>> points;
   codes.reserve(3 * mesh.triangles.size());
@@ -72,7 +72,7 @@ Bytes make_payload(const TriangleMesh& mesh, const Grid& grid, PatchInfo& info) 
   info.points = points.size();
   info.triangles = mesh.triangles.size();
   info.two_sided = static_cast<std::uint64_t>(std::ranges::count(mesh.two_sided, true));
-  Bytes payload;
+  Payload payload;
   if (codes.empty()) return payload;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     std::vector<std::uint32_t> differences;
@@ -81,9 +81,10 @@ Bytes make_payload(const TriangleMesh& mesh, const Grid& grid, PatchInfo& info) 
       differences.push_back(static_cast<std::uint32_t>(zigzag(point[axis] - before)));
       before = point[axis];
     }
-    append_planes<std::uint32_t>(payload, differences);
+    payload.add(differences, sizeof(std::uint32_t), 1);
+    payload.end_block();
   }
-  append_planes<std::uint32_t>(payload, codes);
+  payload.add(codes, sizeof(std::uint32_t), 1);
   return payload;
 }
 
@@ -195,13 +196,13 @@ Result<PackedBoundary> pack_boundary(std::span<const Patch> patches, double erro
   Bytes table, parts;
   for (const Patch& patch : patches) {
     PatchInfo& info = packed.info.patches.emplace_back(PatchInfo{.name = patch.name});
-    const Bytes payload = make_payload(patch.mesh, grid, info);
-    if (payload.size() > std::numeric_limits<std::uint32_t>::max())
+    const Payload payload = make_payload(patch.mesh, grid, info);
+    if (payload.bytes.size() > std::numeric_limits<std::uint32_t>::max())
       return fail(ErrorCode::unsupported, "patch \"{}\" has {} triangles, which is too many", patch.name,
                   info.triangles);
-    const Bytes part = pack_planes(payload, 0, std::max<std::size_t>(info.points, 1));
+    const Bytes part = pack_blocks(payload.bytes, payload.ends);
     append_record(table, PatchPart{hash_bytes(part), static_cast<std::uint32_t>(part.size()),
-                                   static_cast<std::uint32_t>(payload.size())});
+                                   static_cast<std::uint32_t>(payload.bytes.size())});
     parts.insert(parts.end(), part.begin(), part.end());
   }
   append_record(packed.section, hash_bytes(table));

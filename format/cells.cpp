@@ -237,34 +237,23 @@ ValueSummary summarize_cells(const CellChunk& cells, const LocalCells& local, st
 
 namespace {
 
-// The unpacked form of a chunk: planes behind the headers.
-struct CellPayload {
-  Bytes bytes;
-  std::vector<std::size_t> ends = {};  // of the planes
-
-  template <class Number>
-  void add(const std::vector<Number>& numbers, std::size_t width = sizeof(Number)) {
-    for (std::size_t plane = 1; plane <= width; ++plane) ends.push_back(bytes.size() + plane * numbers.size());
-    append_planes<Number>(bytes, numbers, width);
-  }
-  std::uint8_t add_narrow(const std::vector<std::uint64_t>& numbers) {
-    const std::uint8_t width = width_of(numbers);
-    add(numbers, width);
-    return width;
-  }
-};
+std::uint8_t add_narrow(const std::vector<std::uint64_t>& numbers, Payload& payload) {
+  const std::uint8_t width = width_of(numbers);
+  payload.add(numbers, width);
+  return width;
+}
 
 // Returns the headers' part.
-PointsHeader add_points(const CellChunk& cells, CellPayload& payload) {
+PointsHeader add_points(const CellChunk& cells, Payload& payload) {
   PointsHeader header{};
   std::vector<std::uint64_t> differences(cells.size());
   std::adjacent_difference(cells.points.begin(), cells.points.end(), differences.begin());
   header.first = std::exchange(differences[0], 0);
-  header.width = payload.add_narrow(differences);
+  header.width = add_narrow(differences, payload);
   return header;
 }
 
-CellsHeader add_polyhedra(const CellChunk& cells, CellPayload& payload) {
+CellsHeader add_polyhedra(const CellChunk& cells, Payload& payload) {
   CellsHeader header{cells.corners[0], {}};
   std::vector<std::uint64_t> first, others;
   std::vector<std::uint8_t> counts, apexes;
@@ -279,16 +268,20 @@ CellsHeader add_polyhedra(const CellChunk& cells, CellPayload& payload) {
     for (std::size_t k = 1; k < corners.size(); ++k) others.push_back(corners[k] - corners[k - 1] - 1);
     [[maybe_unused]] const SurfaceCoding coding = encode_surface(cells.triangles_at(cell), corners.size(), codes);
   }
-  header.widths[0] = payload.add_narrow(first);
+  header.widths[0] = add_narrow(first, payload);
+  payload.end_block();
   payload.add(counts);
   payload.add(apexes);
-  header.widths[1] = payload.add_narrow(others);
+  payload.end_block();
+  header.widths[1] = width_of(others);
+  payload.add(others, header.widths[1], 1);
+  payload.end_block();
   payload.add(codes);
   return header;
 }
 
 // Cells whose shape has a number of corners.
-CellsHeader add_cells(const CellChunk& cells, CellPayload& payload) {
+CellsHeader add_cells(const CellChunk& cells, Payload& payload) {
   const std::size_t count = corners_of(cells.shape), size = cells.size();
   std::vector<std::uint64_t> ranks(size * count);  // ascending in a cell
   std::vector<std::uint16_t> codes, splits;
@@ -311,9 +304,12 @@ CellsHeader add_cells(const CellChunk& cells, CellPayload& payload) {
       differences[cell] = k > 0 ? rank - ranks[cell * count + k - 1] - 1 : first_difference(cells.field, rank, before);
       before = rank;
     }
-    header.widths[k] = payload.add_narrow(differences);
+    header.widths[k] = add_narrow(differences, payload);
+    if (k == 0) payload.end_block();
   }
+  payload.end_block();
   payload.add(codes);
+  payload.end_block();
   payload.add(splits);
   return header;
 }
@@ -321,17 +317,16 @@ CellsHeader add_cells(const CellChunk& cells, CellPayload& payload) {
 }  // namespace
 
 PackedCells pack_cells(const CellChunk& cells, std::size_t points) {
-  const bool are_polyhedra = cells.shape == CellShape::polyhedron;
-  CellPayload payload{Bytes(header_bytes(cells.field))};
+  Payload payload{Bytes(header_bytes(cells.field))};
   if (cells.field == CellField::constant) {
     const PointsHeader of_points = add_points(cells, payload);
     std::memcpy(payload.bytes.data() + sizeof(CellsHeader), &of_points, sizeof(of_points));
   }
-  const CellsHeader header = are_polyhedra ? add_polyhedra(cells, payload) : add_cells(cells, payload);
+  const CellsHeader header =
+      cells.shape == CellShape::polyhedron ? add_polyhedra(cells, payload) : add_cells(cells, payload);
   std::memcpy(payload.bytes.data(), &header, sizeof(header));
   PackedCells packed;
-  packed.bytes = are_polyhedra ? pack_planes(payload.bytes, payload.ends)
-                               : pack_planes(payload.bytes, header_bytes(cells.field), cells.size());
+  packed.bytes = pack_blocks(payload.bytes, payload.ends);
   packed.entry.hash = hash_bytes(packed.bytes);
   packed.entry.packed_bytes = static_cast<std::uint32_t>(packed.bytes.size());
   packed.entry.unpacked_bytes = static_cast<std::uint32_t>(payload.bytes.size());

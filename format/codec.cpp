@@ -39,7 +39,7 @@ ZSTD_DCtx* decompressor() {
   return context.get();
 }
 
-// Planes that are shorter than this share a block: the description of a plane's statistics takes some 50 bytes.
+// Shorter blocks are joined: the description of a block's statistics takes some 50 bytes.
 constexpr std::size_t least_block_bytes = 256;
 
 // `size`: of the frame, or zstd's error. A lack of memory changes no bytes: it ends the work.
@@ -62,40 +62,26 @@ std::uint64_t StreamHash::value() const { return XXH3_64bits_digest(state_); }
 
 std::uint64_t hash_bytes(std::span<const std::byte> bytes) { return XXH3_64bits(bytes.data(), bytes.size()); }
 
-Bytes pack(std::span<const std::byte> raw) {
-  thread_local Bytes packed;  // the result is a copy, which has no spare capacity
-  packed.resize(std::max(packed.size(), ZSTD_compressBound(raw.size())));
-  const std::size_t size =
-      ZSTD_compressCCtx(compressor(), packed.data(), packed.size(), raw.data(), raw.size(), compression_level);
-  return frame_or_raw(packed, size, raw);
-}
+Bytes pack(std::span<const std::byte> raw) { return pack_blocks(raw, {}); }
 
-Bytes pack_planes(std::span<const std::byte> raw, std::size_t header_bytes, std::size_t plane_bytes) {
-  if (plane_bytes < least_block_bytes || raw.size() < header_bytes + plane_bytes) return pack(raw);
-  std::vector<std::size_t> ends;
-  for (std::size_t end = header_bytes + plane_bytes; end < raw.size(); end += plane_bytes) ends.push_back(end);
-  ends.push_back(raw.size());
-  return pack_planes(raw, ends);
-}
-
-Bytes pack_planes(std::span<const std::byte> raw, std::span<const std::size_t> ends) {
+Bytes pack_blocks(std::span<const std::byte> raw, std::span<const std::size_t> ends) {
   ZSTD_CCtx* context = compressor();
   ZSTD_CCtx_reset(context, ZSTD_reset_session_and_parameters);
   ZSTD_CCtx_setParameter(context, ZSTD_c_compressionLevel, compression_level);
   ZSTD_CCtx_setPledgedSrcSize(context, raw.size());
-  thread_local Bytes packed;
+  thread_local Bytes packed;  // the result is a copy, which has no spare capacity
   packed.resize(std::max(packed.size(), ZSTD_compressBound(raw.size()) + 16 * (ends.size() + 1)));
   ZSTD_outBuffer out = {packed.data(), packed.size(), 0};
-  std::size_t begin = 0;
+  ZSTD_inBuffer in = {raw.data(), 0, 0};
   for (const std::size_t end : ends) {
-    if (end - begin < least_block_bytes && end < raw.size()) continue;
-    ZSTD_inBuffer in = {raw.data() + begin, end - begin, 0};
-    const std::size_t left = ZSTD_compressStream2(context, &out, &in, end == raw.size() ? ZSTD_e_end : ZSTD_e_flush);
-    if (left != 0) return pack(raw);
-    begin = end;
-    if (end == raw.size()) break;  // planes without bytes may follow
+    if (std::min(end - in.size, raw.size() - end) < least_block_bytes) continue;
+    in.size = end;
+    const std::size_t left = ZSTD_compressStream2(context, &out, &in, ZSTD_e_flush);
+    if (ZSTD_isError(left)) return frame_or_raw(packed, left, raw);
   }
-  return frame_or_raw(packed, out.pos, raw);
+  in.size = raw.size();
+  const std::size_t left = ZSTD_compressStream2(context, &out, &in, ZSTD_e_end);
+  return frame_or_raw(packed, ZSTD_isError(left) ? left : out.pos, raw);
 }
 
 namespace {

@@ -57,12 +57,8 @@ class PartsHash {
 /// result as long as `raw` is `raw`. Deterministic. Thread-safe.
 [[nodiscard]] Bytes pack(std::span<const std::byte> raw);
 
-/// As `pack`, but each plane has a block of its own in the frame, with its own statistics: numbers of one plane are
-/// alike, and planes differ. `raw` is a header of `header_bytes`, then planes of `plane_bytes` each.
-[[nodiscard]] Bytes pack_planes(std::span<const std::byte> raw, std::size_t header_bytes, std::size_t plane_bytes);
-
-/// The same for planes that end at `ends`, the last of them with `raw`. Short ones share a block.
-[[nodiscard]] Bytes pack_planes(std::span<const std::byte> raw, std::span<const std::size_t> ends);
+/// As `pack`, but blocks of the frame end at `ends`, which ascend. Each has its own statistics. Short ones are joined.
+[[nodiscard]] Bytes pack_blocks(std::span<const std::byte> raw, std::span<const std::size_t> ends);
 
 /// Undoes `pack` into exactly `unpacked_bytes` bytes. `what` begins the message of an error. Safe on untrusted input:
 /// allocates at most about 1024 times the packed size. Thread-safe.

@@ -156,17 +156,16 @@ Result<std::span<const std::byte>> unpack_payload(const ChunkEntry& entry, std::
   return unpack_here(packed, entry.unpacked_bytes, what);
 }
 
-PackedChunk pack_payload(const Bytes& payload, std::size_t points) {
-  const std::size_t header = points > 0 ? payload.size() % points : payload.size();
-  PackedChunk chunk{{}, pack_planes(payload, header, points)};
+PackedChunk pack_payload(const Payload& payload) {
+  PackedChunk chunk{{}, pack_blocks(payload.bytes, payload.ends)};
   chunk.entry.hash = hash_bytes(chunk.bytes);
   chunk.entry.packed_bytes = static_cast<std::uint32_t>(chunk.bytes.size());
-  chunk.entry.unpacked_bytes = static_cast<std::uint32_t>(payload.size());
+  chunk.entry.unpacked_bytes = static_cast<std::uint32_t>(payload.bytes.size());
   return chunk;
 }
 
-PackedChunk pack_payload(const Bytes& payload, std::size_t points, const ValueSummary& summary) {
-  PackedChunk chunk = pack_payload(payload, points);
+PackedChunk pack_payload(const Payload& payload, const ValueSummary& summary) {
+  PackedChunk chunk = pack_payload(payload);
   chunk.entry.min = summary.min;
   chunk.entry.max = summary.max;
   chunk.entry.occupancy = summary.occupancy;
@@ -190,21 +189,22 @@ PackedChunk pack_positions(std::span<const dvec3> positions, double error, doubl
   if (!grid) header = {.form = form_exact, .width = {}, .zero = 0, .error = 0, .origin = {}, .quantisation_step = 0};
   if (stated_error) *stated_error = header.error;
 
-  Bytes payload;
-  append_record(payload, header);
+  Payload payload;
+  append_record(payload.bytes, header);
   std::vector<std::uint64_t> codes(grid ? positions.size() : 0);
   std::vector<double> coordinates(grid ? 0 : positions.size());
   for (int axis = 0; axis < 3; ++axis) {
     if (grid) {
       for (std::size_t i = 0; i < positions.size(); ++i)
         codes[i] = grid_code(positions[i][axis], header.origin[axis], header.quantisation_step);
-      append_planes<std::uint64_t>(payload, codes, header.width[axis]);
+      payload.add_noisy(codes, header.width[axis]);
     } else {
       for (std::size_t i = 0; i < positions.size(); ++i) coordinates[i] = positions[i][axis];
-      append_planes<double>(payload, coordinates);
+      payload.add_noisy(coordinates);
     }
+    payload.end_block();
   }
-  return pack_payload(payload, positions.size());
+  return pack_payload(payload);
 }
 
 PackedChunk pack_centroids(std::span<const dvec3> centroids, double error, const Cube& cube) {
@@ -230,17 +230,17 @@ PackedChunk pack_values(std::span<const float> stored, double error, const Value
     for (std::size_t i = 0; i < values.size(); ++i) codes[i] = std::bit_cast<std::uint32_t>(values[i]);
   }
   if (result) *result = describe(rounded, bins, header);
-  Bytes payload;
-  append_record(payload, header);
-  append_planes<std::uint32_t>(payload, codes, header.width);
-  return pack_payload(payload, stored.size(), bins.summarize(rounded));
+  Payload payload;
+  append_record(payload.bytes, header);
+  payload.add(codes, header.width, 1);
+  return pack_payload(payload, bins.summarize(rounded));
 }
 
 PackedChunk pack_octants(std::span<const std::uint8_t> depths, std::span<const std::uint8_t> counts) {
-  Bytes payload;
-  append_planes(payload, depths);
-  append_planes(payload, counts);
-  return pack_payload(payload, depths.size());
+  Payload payload;
+  payload.add(depths);
+  payload.add(counts);
+  return pack_payload(payload);
 }
 
 namespace {

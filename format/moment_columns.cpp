@@ -335,13 +335,16 @@ PackedChunk pack_moments(std::span<const SplatShape> all_shapes, double edge) {
     densities[0][i] = density_code(shapes[i].density);
   }
 
-  Bytes payload;
-  append_record(payload, header);
-  sizes.append_to(payload);
-  append_planes<std::uint64_t>(payload, orientations, static_cast<std::size_t>(width));
+  Payload payload;
+  append_record(payload.bytes, header);
+  payload.add_noisy(sizes.field(0));
+  sizes.append_to(payload, 1);
+  payload.end_block();
+  payload.add_noisy(orientations, header.orientation_width);
+  payload.end_block();
   boundaries.append_to(payload);
   densities.append_to(payload);
-  return pack_payload(payload, shapes.size());
+  return pack_payload(payload);
 }
 
 Status unpack_moment_codes(const ChunkEntry& entry, std::span<const std::byte> packed, std::size_t points, double edge,

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <ranges>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -13,10 +14,37 @@
 
 namespace splatvol::format {
 
-/// Packs and hashes the payload of `points` points, which ends with whole planes. The entry has no summary, or the
-/// given one.
-[[nodiscard]] PackedChunk pack_payload(const Bytes& payload, std::size_t points);
-[[nodiscard]] PackedChunk pack_payload(const Bytes& payload, std::size_t points, const ValueSummary& summary);
+/// A header, then planes, in blocks of the chunk's zstd frame. Each block has statistics of its own. They take time and
+/// some 60 bytes, and more bytes where planes in one block are unlike. Which planes share a block is fixed for each
+/// column. It was found offline, by bytes and time of zstd: over all ways to group planes that follow each other, then
+/// among rules for whole columns. The data were meshes of tetrahedra, of mixed cells and of polyhedra, their cells as
+/// points, and scattered points. A block for each plane takes a quarter more time and 0.2 to 3 % more bytes.
+struct Payload {
+  Bytes bytes;
+  std::vector<std::size_t> ends = {};  // of blocks
+
+  /// Appends planes to the open block; or only the first `together` ones, and as many to each further block. The last
+  /// block stays open.
+  template <std::ranges::contiguous_range Numbers>
+  void add(const Numbers& numbers, std::size_t width = sizeof(std::ranges::range_value_t<Numbers>),
+           std::size_t together = 8) {
+    const std::size_t begin = bytes.size();
+    append_planes(bytes, std::span(numbers), width);
+    for (std::size_t plane = together; plane < width; plane += together) ends.push_back(begin + plane * numbers.size());
+  }
+
+  /// The same for noisy numbers. Their two planes are unlike; if there are more, the lowest two are alike.
+  template <std::ranges::contiguous_range Numbers>
+  void add_noisy(const Numbers& numbers, std::size_t width = sizeof(std::ranges::range_value_t<Numbers>)) {
+    add(numbers, width, width > 2 ? 2 : 1);
+  }
+
+  void end_block() { ends.push_back(bytes.size()); }
+};
+
+/// Packs and hashes a payload. The entry has no summary, or the given one.
+[[nodiscard]] PackedChunk pack_payload(const Payload& payload);
+[[nodiscard]] PackedChunk pack_payload(const Payload& payload, const ValueSummary& summary);
 
 /// Checks and unpacks a chunk. The payload is valid as long as `packed`, and until the calling thread unpacks another.
 [[nodiscard]] Result<std::span<const std::byte>> unpack_payload(const ChunkEntry& entry,
@@ -39,8 +67,9 @@ class PlanesOf {
   explicit PlanesOf(std::size_t count) : count_(count), codes_(fields * count) {}
 
   Code* operator[](int field) { return codes_.data() + static_cast<std::size_t>(field) * count_; }
-  void append_to(Bytes& payload) {
-    for (int k = 0; k < fields; ++k) append_planes<Code>(payload, std::span<const Code>((*this)[k], count_));
+  [[nodiscard]] std::span<const Code> field(int field) { return {(*this)[field], count_}; }
+  void append_to(Payload& payload, int first = 0) {
+    for (int k = first; k < fields; ++k) payload.add(field(k));
   }
 
  private:

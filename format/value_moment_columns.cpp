@@ -210,13 +210,14 @@ PackedChunk pack_value_moments(std::span<const SplatValue> values, double least_
     coverages[0][i] = std::max(share_code(value.coverage), static_cast<std::uint8_t>(value.coverage > 0));
   }
 
-  Bytes payload;
-  append_record(payload, header);
-  append_planes<std::uint32_t>(payload, means, header.width);
-  append_planes<std::uint16_t>(payload, deviations, header.deviation_width);
+  Payload payload;
+  append_record(payload.bytes, header);
+  payload.add(means, header.width, header.form == form_exact ? 1 : sizeof(std::uint32_t));
+  payload.add(deviations, header.deviation_width);
+  payload.end_block();
   correlations.append_to(payload);
   coverages.append_to(payload);
-  return pack_payload(payload, present.size(), summary);
+  return pack_payload(payload, summary);
 }
 
 PackedChunk pack_gradients(std::span<const vec3> directions) {
@@ -227,9 +228,12 @@ PackedChunk pack_gradients(std::span<const vec3> directions) {
     if (!(length > 0 && std::isfinite(length))) continue;
     for (int k = 0; k < 3; ++k) codes[k][i] = signed_code(d[k] / length);
   }
-  Bytes payload;
-  codes.append_to(payload);
-  return pack_payload(payload, directions.size());
+  Payload payload;
+  for (int k = 0; k < 3; ++k) {
+    payload.add(codes.field(k));
+    payload.end_block();
+  }
+  return pack_payload(payload);
 }
 
 Status unpack_value_moment_codes(const ChunkEntry& entry, std::span<const std::byte> packed, std::size_t points,

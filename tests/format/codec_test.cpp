@@ -62,6 +62,20 @@ TEST(Codec, RefusesLengthsBeyondTheRatio) {
   }
 }
 
+TEST(Codec, BlocksHaveTheirOwnStatistics) {
+  Bytes raw = random_bytes(4000, 1, 4);
+  for (std::size_t i = 2000; i < raw.size(); ++i) raw[i] |= std::byte{0xf0};
+  const std::vector<std::vector<std::size_t>> ways = {{}, {2000}, {0, 0, 10, 2000, 2000, 3990, 4000, 4000}};
+  std::vector<std::size_t> sizes;
+  for (const std::vector<std::size_t>& ends : ways) {
+    const Bytes packed = pack_blocks(raw, ends);
+    sizes.push_back(packed.size());
+    EXPECT_EQ(value_of(unpack(packed, raw.size(), "test")), raw);
+  }
+  EXPECT_LT(sizes[1], sizes[0]);
+  EXPECT_EQ(sizes[2], sizes[1]);  // short blocks are joined
+}
+
 TEST(Codec, RefusesEveryOtherLengthThanTheFrames) {
   const Bytes packed = pack(Bytes(200));
   for (std::uint64_t length = packed.size() + 1; length < 400; ++length)

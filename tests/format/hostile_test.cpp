@@ -64,7 +64,7 @@ TEST(Surgery, LeavesAFileAsItWasWhereNothingIsDone) {
     ASSERT_FALSE(file.empty());
     const Outcome outcome = explore(Dissected(file).assemble(leave_alone));
     EXPECT_TRUE(outcome.verified) << outcome.message;
-    EXPECT_EQ(Dissected(file).assemble(leave_alone).size(), file.size());
+    EXPECT_EQ(Dissected(file).assemble(leave_alone, Packing::as_before).size(), file.size());
   }
 }
 
