@@ -13,6 +13,7 @@ namespace {
 constexpr int word_bits = 32;
 constexpr int least_rank_bits = 16;  // the code begins behind two words
 constexpr int most_rank_bits = 48;
+constexpr std::size_t most_words = 15;  // a hexahedron: nine ranks, and 26 bits
 
 __extension__ using Wide = unsigned __int128;
 
@@ -20,26 +21,59 @@ constexpr std::size_t polyhedron_words = 16, head_words = 4;  // of a record, an
 constexpr std::size_t body_bytes = (polyhedron_words - head_words) * sizeof(CellWord);
 constexpr std::uint64_t hash_mask = (std::uint64_t{1} << 55) - 1;  // a key of a sort has as many bits
 
-// Takes numbers out of a record. Its last word may have fewer bits.
+// Puts numbers side by side into words.
+class BitWriter {
+ public:
+  explicit BitWriter(CellWord* words) : words_(words) {}
+
+  void put(std::uint64_t number, int width) {
+    if (width > word_bits) put_part(number >> word_bits, width - word_bits);
+    put_part(static_cast<CellWord>(number), std::min(width, word_bits));
+  }
+  /// Ends the last word, which may have fewer bits.
+  void finish() {
+    if (held_ > 0) *words_ = static_cast<CellWord>(bits_ & ((std::uint64_t{1} << held_) - 1));
+  }
+
+ private:
+  void put_part(std::uint64_t number, int width) {
+    bits_ = bits_ << width | number;
+    held_ += width;
+    if (held_ < word_bits) return;
+    held_ -= word_bits;
+    *words_++ = static_cast<CellWord>(bits_ >> held_);
+  }
+
+  CellWord* words_;
+  int held_ = 0;
+  std::uint64_t bits_ = 0;
+};
+
+// Takes them out again.
 class BitReader {
  public:
   BitReader(const CellWord* words, int bits) : words_(words), left_(bits) {}
 
   std::uint64_t take(int width) {
-    while (held_ < width) {
+    const std::uint64_t high = width > word_bits ? take_part(width - word_bits) << word_bits : 0;
+    return high | take_part(std::min(width, word_bits));
+  }
+
+ private:
+  std::uint64_t take_part(int width) {
+    if (held_ < width) {
       const int more = std::min(left_, word_bits);
       bits_ = bits_ << more | *words_++;
       held_ += more;
       left_ -= more;
     }
     held_ -= width;
-    return static_cast<std::uint64_t>(bits_ >> held_) & ((std::uint64_t{1} << width) - 1);
+    return bits_ >> held_ & ((std::uint64_t{1} << width) - 1);
   }
 
- private:
   const CellWord* words_;
   int left_, held_ = 0;
-  Wide bits_ = 0;
+  std::uint64_t bits_ = 0;
 };
 
 const std::byte* body_of(const CellWord* record) { return reinterpret_cast<const std::byte*>(record + head_words); }
@@ -61,16 +95,14 @@ CellForm::CellForm(format::CellShape shape, format::CellField field, std::uint64
 }
 
 void CellForm::append(const RankedCell& cell, std::vector<CellWord>& records) const {
-  Wide bits = 0;
-  int held = 0;
-  const auto put = [&](std::uint64_t number, int width) {
-    bits = bits << width | number;
-    for (held += width; held >= word_bits;) records.push_back(static_cast<CellWord>(bits >> (held -= word_bits)));
-  };
-  if (field_ == format::CellField::constant) put(cell.point, rank_bits_);
-  for (std::size_t k = 0; k < corners_; ++k) put(cell.ranks[k], rank_bits_);
-  put((cell.split * permutations_ + cell.permutation) * 3 + static_cast<std::size_t>(cell.sign + 1), code_bits_);
-  if (held > 0) records.push_back(static_cast<CellWord>(bits) & ((CellWord{1} << held) - 1));
+  std::array<CellWord, most_words> words;
+  BitWriter writer(words.data());
+  if (field_ == format::CellField::constant) writer.put(cell.point, rank_bits_);
+  for (std::size_t k = 0; k < corners_; ++k) writer.put(cell.ranks[k], rank_bits_);
+  const auto order = static_cast<std::uint32_t>(cell.split * permutations_ + cell.permutation);
+  writer.put(order * 3 + static_cast<std::uint32_t>(cell.sign + 1), code_bits_);
+  writer.finish();
+  records.insert(records.end(), words.begin(), words.begin() + static_cast<std::ptrdiff_t>(words_));
 }
 
 // In front of the bytes of all records is a byte: how many there are.
@@ -118,7 +150,7 @@ RankedCells CellForm::read(std::span<const CellWord> records) const {
     BitReader reader(records.data() + i * words_, bits_);
     if (field_ == format::CellField::constant) chunk.points[i] = reader.take(rank_bits_);
     for (std::size_t k = 0; k < corners_; ++k) *corner++ = reader.take(rank_bits_);
-    const std::uint64_t code = reader.take(code_bits_), order = code / 3;
+    const auto code = static_cast<std::uint32_t>(reader.take(code_bits_)), order = code / 3;
     cells.signs[i] = static_cast<std::int8_t>(static_cast<int>(code % 3) - 1);
     cells.permutations[i] = static_cast<format::Permutation>(order % permutations_);
     if (!chunk.splits.empty()) chunk.splits[i] = static_cast<format::CellSplit>(order / permutations_);

@@ -80,7 +80,8 @@ class CellForm {
 
   format::CellShape shape_;
   format::CellField field_;
-  std::size_t corners_, permutations_ = 0, words_ = 0;
+  std::size_t corners_, words_;
+  std::uint32_t permutations_ = 0;
   int rank_bits_, code_bits_ = 0, bits_ = 0;  // of a rank, of the code, of a record
 };
 

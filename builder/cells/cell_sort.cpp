@@ -8,11 +8,13 @@ namespace splatvol {
 
 Result<CellSort> CellSort::create(const CellForm& form, std::uint64_t memory, const std::string& folder) {
   const std::size_t bytes = form.words() * sizeof(CellWord);
-  // Half a key has 63 bits.
+  // Half a key has 63 bits. No record has fewer than three words.
   const auto key = [bytes](std::span<const std::byte> records, std::span<MortonKey> keys) {
     std::array<CellWord, 4> head{};
     for (std::size_t i = 0; i < keys.size(); ++i) {
-      std::memcpy(head.data(), records.data() + i * bytes, std::min(bytes, sizeof(head)));
+      const std::byte* const record = records.data() + i * bytes;
+      std::memcpy(head.data(), record, 3 * sizeof(CellWord));
+      if (bytes > 3 * sizeof(CellWord)) std::memcpy(&head[3], record + 3 * sizeof(CellWord), sizeof(CellWord));
       const std::uint64_t high = std::uint64_t{head[0]} << 32 | head[1], low = std::uint64_t{head[2]} << 32 | head[3];
       keys[i] = {high >> 1, (high << 63 | low >> 1) >> 1};
     }
