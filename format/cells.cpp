@@ -120,7 +120,8 @@ LocalCells number_by_bits(std::span<const std::uint64_t> corners, std::uint64_t 
 LocalCells number_corners(std::span<const std::uint64_t> corners) {
   LocalCells cells;
   if (corners.empty()) return cells;
-  const auto [low, high] = std::ranges::minmax(corners);
+  std::uint64_t low = corners[0], high = low;
+  for (const std::uint64_t corner : corners) low = std::min(low, corner), high = std::max(high, corner);
   constexpr std::uint64_t most_words = 4;  // for each corner: then they take little more memory than a sort
   if ((high - low) / 64 < most_words * corners.size()) return number_by_bits(corners, low, high);
   std::vector<Corner> sorted;

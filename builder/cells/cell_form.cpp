@@ -13,68 +13,12 @@ namespace {
 constexpr int word_bits = 32;
 constexpr int least_rank_bits = 16;  // the code begins behind two words
 constexpr int most_rank_bits = 48;
-constexpr std::size_t most_words = 15;  // a hexahedron: nine ranks, and 26 bits
 
 __extension__ using Wide = unsigned __int128;
 
 constexpr std::size_t polyhedron_words = 16, head_words = 4;  // of a record, and of its rank, hash and place
 constexpr std::size_t body_bytes = (polyhedron_words - head_words) * sizeof(CellWord);
 constexpr std::uint64_t hash_mask = (std::uint64_t{1} << 55) - 1;  // a key of a sort has as many bits
-
-// Puts numbers side by side into words.
-class BitWriter {
- public:
-  explicit BitWriter(CellWord* words) : words_(words) {}
-
-  void put(std::uint64_t number, int width) {
-    if (width > word_bits) put_part(number >> word_bits, width - word_bits);
-    put_part(static_cast<CellWord>(number), std::min(width, word_bits));
-  }
-  /// Ends the last word, which may have fewer bits.
-  void finish() {
-    if (held_ > 0) *words_ = static_cast<CellWord>(bits_ & ((std::uint64_t{1} << held_) - 1));
-  }
-
- private:
-  void put_part(std::uint64_t number, int width) {
-    bits_ = bits_ << width | number;
-    held_ += width;
-    if (held_ < word_bits) return;
-    held_ -= word_bits;
-    *words_++ = static_cast<CellWord>(bits_ >> held_);
-  }
-
-  CellWord* words_;
-  int held_ = 0;
-  std::uint64_t bits_ = 0;
-};
-
-// Takes them out again.
-class BitReader {
- public:
-  BitReader(const CellWord* words, int bits) : words_(words), left_(bits) {}
-
-  std::uint64_t take(int width) {
-    const std::uint64_t high = width > word_bits ? take_part(width - word_bits) << word_bits : 0;
-    return high | take_part(std::min(width, word_bits));
-  }
-
- private:
-  std::uint64_t take_part(int width) {
-    if (held_ < width) {
-      const int more = std::min(left_, word_bits);
-      bits_ = bits_ << more | *words_++;
-      held_ += more;
-      left_ -= more;
-    }
-    held_ -= width;
-    return bits_ >> held_ & ((std::uint64_t{1} << width) - 1);
-  }
-
-  const CellWord* words_;
-  int left_, held_ = 0;
-  std::uint64_t bits_ = 0;
-};
 
 const std::byte* body_of(const CellWord* record) { return reinterpret_cast<const std::byte*>(record + head_words); }
 
@@ -87,22 +31,30 @@ CellForm::CellForm(format::CellShape shape, format::CellField field, std::uint64
       words_(polyhedron_words),
       rank_bits_(std::clamp(static_cast<int>(std::bit_width(rank_end)), least_rank_bits, most_rank_bits)) {
   if (is_of_polyhedra()) return;
-  permutations_ = format::permutations_of(shape).size();
-  code_bits_ = static_cast<int>(std::bit_width(format::split_end(shape) * permutations_ * 3 - 1));
-  const std::size_t ranks = corners_ + (field == format::CellField::constant ? 1 : 0);
-  bits_ = static_cast<int>(ranks) * rank_bits_ + code_bits_;
-  words_ = static_cast<std::size_t>((bits_ + word_bits - 1) / word_bits);
+  permutations_ = static_cast<std::uint32_t>(format::permutations_of(shape).size());
+  const auto code_bits = static_cast<int>(std::bit_width(format::split_end(shape) * permutations_ * 3 - 1));
+  const int bits = static_cast<int>(corners_ + (field == format::CellField::constant ? 1 : 0)) * rank_bits_;
+  const int words = (bits + code_bits + word_bits - 1) / word_bits;
+  words_ = static_cast<std::size_t>(words);
+  code_bits_ = words * word_bits - bits;
 }
 
 void CellForm::append(const RankedCell& cell, std::vector<CellWord>& records) const {
-  std::array<CellWord, most_words> words;
-  BitWriter writer(words.data());
-  if (field_ == format::CellField::constant) writer.put(cell.point, rank_bits_);
-  for (std::size_t k = 0; k < corners_; ++k) writer.put(cell.ranks[k], rank_bits_);
-  const auto order = static_cast<std::uint32_t>(cell.split * permutations_ + cell.permutation);
-  writer.put(order * 3 + static_cast<std::uint32_t>(cell.sign + 1), code_bits_);
-  writer.finish();
-  records.insert(records.end(), words.begin(), words.begin() + static_cast<std::ptrdiff_t>(words_));
+  std::uint64_t bits = 0;
+  int held = 0;
+  const auto put_part = [&](std::uint64_t number, int width) {
+    bits = bits << width | number;
+    held += width;
+    if (held >= word_bits) records.push_back(static_cast<CellWord>(bits >> (held -= word_bits)));
+  };
+  const auto put = [&](std::uint64_t number, int width) {
+    if (width > word_bits) put_part(number >> word_bits, width - word_bits);
+    put_part(static_cast<CellWord>(number), std::min(width, word_bits));
+  };
+  if (field_ == format::CellField::constant) put(cell.point, rank_bits_);
+  for (std::size_t k = 0; k < corners_; ++k) put(cell.ranks[k], rank_bits_);
+  const std::uint32_t order = cell.split * permutations_ + cell.permutation;
+  put(order * 3 + static_cast<std::uint32_t>(cell.sign + 1), code_bits_);
 }
 
 // In front of the bytes of all records is a byte: how many there are.
@@ -145,12 +97,22 @@ RankedCells CellForm::read(std::span<const CellWord> records) const {
   cells.signs.resize(size);
   if (shape_ != format::CellShape::tetrahedron) chunk.splits.resize(size);
   if (field_ == format::CellField::constant) chunk.points.resize(size);
-  std::uint64_t* corner = chunk.corners.data();
+  const CellWord* word = records.data();
+  std::uint64_t bits = 0, *corner = chunk.corners.data();
+  int held = 0;
+  const auto take_part = [&](int width) {
+    if (held < width) bits = bits << word_bits | *word++, held += word_bits;
+    held -= width;
+    return bits >> held & ((std::uint64_t{1} << width) - 1);
+  };
+  const auto take = [&](int width) {
+    const std::uint64_t high = width > word_bits ? take_part(width - word_bits) << word_bits : 0;
+    return high | take_part(std::min(width, word_bits));
+  };
   for (std::size_t i = 0; i < size; ++i) {
-    BitReader reader(records.data() + i * words_, bits_);
-    if (field_ == format::CellField::constant) chunk.points[i] = reader.take(rank_bits_);
-    for (std::size_t k = 0; k < corners_; ++k) *corner++ = reader.take(rank_bits_);
-    const auto code = static_cast<std::uint32_t>(reader.take(code_bits_)), order = code / 3;
+    if (field_ == format::CellField::constant) chunk.points[i] = take(rank_bits_);
+    for (std::size_t k = 0; k < corners_; ++k) *corner++ = take(rank_bits_);
+    const auto code = static_cast<std::uint32_t>(take(code_bits_)), order = code / 3;
     cells.signs[i] = static_cast<std::int8_t>(static_cast<int>(code % 3) - 1);
     cells.permutations[i] = static_cast<format::Permutation>(order % permutations_);
     if (!chunk.splits.empty()) chunk.splits[i] = static_cast<format::CellSplit>(order / permutations_);

@@ -82,7 +82,7 @@ class CellForm {
   format::CellField field_;
   std::size_t corners_, words_;
   std::uint32_t permutations_ = 0;
-  int rank_bits_, code_bits_ = 0, bits_ = 0;  // of a rank, of the code, of a record
+  int rank_bits_, code_bits_ = 0;  // the code fills the last word
 };
 
 }  // namespace splatvol

@@ -33,7 +33,6 @@ struct MadeChunk {
 // The packed form of the cells that MeshCells::next_chunk returns: one chunk, or more if their corners are in too many
 // groups.
 struct Item {
-  const CellForm* form = nullptr;
   SortedCells cells;
   std::vector<MadeChunk> chunks;
   CellReport report;
@@ -101,15 +100,15 @@ class ChunkMaker {
  private:
   // NOLINTNEXTLINE(misc-no-recursion): halves at each call.
   Status make(std::span<const CellWord> records, Item& item) {
-    const RankedCells cells = item.form->read(records);
+    const CellForm& form = *item.cells.form;
+    const RankedCells cells = form.read(records);
     const format::CellChunk& chunk = cells.chunk;
-    const bool is_constant = chunk.field == format::CellField::constant;
+    const bool is_constant = form.field() == format::CellField::constant;
     format::LocalCells local = format::number_corners(chunk.corners);
     SPLATVOL_TRY(points_.find(is_constant ? chunk.points : local.ranks, places_));
     if (chunk.size() > 1 && format::RankedPoints::groups_of(places_).size() > format::max_chunk_groups) {
       std::size_t half = 0;
-      for (std::size_t i = 0; i < chunk.size() / 2; ++i)
-        half += item.form->records_of(&records[half]) * item.form->words();
+      for (std::size_t i = 0; i < chunk.size() / 2; ++i) half += form.records_of(&records[half]) * form.words();
       SPLATVOL_TRY(make(records.first(half), item));
       return make(records.subspan(half), item);
     }
@@ -309,13 +308,10 @@ class ChunkPipeline {
  private:
   std::shared_ptr<Item> take(tbb::flow_control& control) {
     auto item = std::make_shared<Item>();
-    const auto form = cells_.next_chunk(item->cells);
-    if (!form) taken_ = tl::unexpected(form.error());
+    const auto more = cells_.next_chunk(item->cells);
+    if (!more) taken_ = tl::unexpected(more.error());
     if (stop_.stop_requested()) taken_ = fail(ErrorCode::cancelled, "cancelled");
-    if (taken_ && *form && !failed_) {
-      item->form = *form;
-      return item;
-    }
+    if (taken_ && *more && !failed_) return item;
     control.stop();
     return nullptr;
   }

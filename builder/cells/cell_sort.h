@@ -15,7 +15,8 @@ namespace splatvol {
 
 /// Cells that follow each other: whole records.
 struct SortedCells {
-  std::vector<CellWord> records;
+  const CellForm* form = nullptr;
+  std::vector<CellWord> records = {};
   std::size_t cells = 0, corners = 0;  // how many there are
 };
 

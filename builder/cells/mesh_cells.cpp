@@ -313,8 +313,8 @@ Status MeshCells::gather_leaf(OfShape& of_shape) {
   return {};
 }
 
-Result<bool> MeshCells::next_cells(OfShape& of_shape, SortedCells& cells) {
-  cells = {};
+Result<bool> MeshCells::next_chunk(OfShape& of_shape, SortedCells& cells) {
+  cells = {.form = &of_shape.sort.form()};
   SortedCells& leaf = of_shape.leaf_cells;
   for (;;) {
     if (leaf.cells == 0) SPLATVOL_TRY(gather_leaf(of_shape));
@@ -330,12 +330,12 @@ Result<bool> MeshCells::next_cells(OfShape& of_shape, SortedCells& cells) {
   }
 }
 
-Result<const CellForm*> MeshCells::next_chunk(SortedCells& cells) {
+Result<bool> MeshCells::next_chunk(SortedCells& cells) {
   for (; next_shape_ < shapes_.size(); ++next_shape_) {
-    SPLATVOL_TRY_ASSIGN(more, next_cells(*shapes_[next_shape_], cells));
-    if (more) return &shapes_[next_shape_]->sort.form();
+    SPLATVOL_TRY_ASSIGN(more, next_chunk(*shapes_[next_shape_], cells));
+    if (more) return true;
   }
-  return nullptr;
+  return false;
 }
 
 Status MeshCells::next_segments(std::size_t count, std::size_t levels, std::vector<std::uint8_t>& segments) {

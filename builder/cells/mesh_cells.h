@@ -78,8 +78,8 @@ class MeshCells {
   [[nodiscard]] std::uint64_t hash() const { return hash_; }
 
   /// Replaces `cells` by those of the next chunk: those whose lowest corner is in one index leaf, or in a few if they
-  /// are few. Chunks of one shape follow each other. Returns their form, null after the last. Requires all leaves.
-  [[nodiscard]] Result<const CellForm*> next_chunk(SortedCells& cells);
+  /// are few. Chunks of one shape follow each other. Returns false after the last. Requires all leaves.
+  [[nodiscard]] Result<bool> next_chunk(SortedCells& cells);
 
   /// Corners of cells of their own; null if the cells are not such. Require sort().
   [[nodiscard]] const VertexSort* vertices() const { return vertices_.get(); }
@@ -116,7 +116,7 @@ class MeshCells {
   [[nodiscard]] Status add_ranked(std::span<const CellBlock> blocks, const TakeRecords& take);
   [[nodiscard]] Status add_joined_to(const TakeRecords& take);
   [[nodiscard]] static Status gather_leaf(OfShape& of_shape);
-  [[nodiscard]] static Result<bool> next_cells(OfShape& of_shape, SortedCells& cells);
+  [[nodiscard]] static Result<bool> next_chunk(OfShape& of_shape, SortedCells& cells);
 
   std::uint64_t memory_;
   std::string folder_;
