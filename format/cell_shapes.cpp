@@ -64,9 +64,8 @@ bool has_diagonal(CellShape shape, CellSplit split, std::uint8_t a, std::uint8_t
   return false;
 }
 
-// The same split after the corners are numbered anew.
+// The same split after the corners are numbered anew. No tetrahedron.
 CellSplit renumbered(CellShape shape, CellSplit split, const Corners& old) {
-  if (shape == CellShape::tetrahedron) return 0;
   const auto apex = std::ranges::find(old, static_cast<std::uint8_t>(split & 7u)) - old.begin();
   auto result = static_cast<CellSplit>(apex);
   const auto faces = quadrilaterals_of(shape);
@@ -78,29 +77,43 @@ CellSplit renumbered(CellShape shape, CellSplit split, const Corners& old) {
 
 // The tables of a shape, made once.
 struct ShapeTable {
-  std::vector<Corners> symmetries;
-  std::vector<Corners> orders;                                   // ascending
+  // How a cell is numbered anew, so that its order is one of those that are kept.
+  struct Renumbering {
+    std::uint16_t order, symmetry;
+  };
+  std::vector<Corners> permutations;                             // ascending
+  std::vector<Corners> orders;                                   // ascending: the first of those that are the same cell
+  std::vector<Renumbering> renumberings;                         // [permutation]
+  std::vector<std::vector<CellSplit>> renumbered_splits;         // [symmetry][split]
   std::vector<std::vector<std::array<std::uint8_t, 4>>> splits;  // [split]: tetrahedra
 
-  explicit ShapeTable(CellShape shape) : symmetries(symmetries_of(shape)) {
+  explicit ShapeTable(CellShape shape) {
     const std::size_t count = corners_of(shape);
+    const std::vector<Corners> symmetries = symmetries_of(shape);
     Corners places{};
     std::iota(places.begin(), places.begin() + count, std::uint8_t{0});
-    do {
-      if (is_first(places, count)) orders.push_back(places);
-    } while (std::next_permutation(places.begin(), places.begin() + count));
+    do permutations.push_back(places);
+    while (std::next_permutation(places.begin(), places.begin() + count));
+    renumberings.resize(permutations.size(), {none, 0});
+    for (std::size_t p = 0; p < permutations.size(); ++p) {
+      if (renumberings[p].order != none) continue;
+      for (std::size_t s = 0; s < symmetries.size(); ++s) {
+        for (std::size_t k = 0; k < count; ++k) places[symmetries[s][k]] = permutations[p][k];
+        renumberings[permutation_of(std::span<const std::uint8_t>(places).first(count))] = {
+            static_cast<std::uint16_t>(orders.size()), static_cast<std::uint16_t>(s)};
+      }
+      orders.push_back(permutations[p]);
+    }
+    for (const Corners& old : symmetries) {
+      std::vector<CellSplit>& of_symmetry = renumbered_splits.emplace_back();
+      for (unsigned split = 0; split < split_end(shape); ++split)
+        of_symmetry.push_back(renumbered(shape, static_cast<CellSplit>(split), old));
+    }
     for (unsigned split = 0; split < split_end(shape); ++split)
       splits.push_back(split_into_tetrahedra(shape, static_cast<CellSplit>(split)));
   }
 
-  // Whether no other numbering of the same cell comes before.
-  [[nodiscard]] bool is_first(const Corners& places, std::size_t count) const {
-    return std::ranges::none_of(symmetries, [&](const Corners& old) {
-      for (std::size_t k = 0; k < count; ++k)
-        if (places[old[k]] != places[k]) return places[old[k]] < places[k];
-      return false;
-    });
-  }
+  static constexpr std::uint16_t none = 0xffff;
 
   static std::vector<std::array<std::uint8_t, 4>> split_into_tetrahedra(CellShape shape, CellSplit split) {
     if (shape == CellShape::tetrahedron) return {{0, 1, 2, 3}};
@@ -121,18 +134,22 @@ struct ShapeTable {
   }
 };
 
+template <CellShape shape>
+const ShapeTable& made_table() {
+  static const ShapeTable table(shape);
+  return table;
+}
+
 const ShapeTable& table_of(CellShape shape) {
-  static const ShapeTable tetrahedron(CellShape::tetrahedron), pyramid(CellShape::pyramid), wedge(CellShape::wedge),
-      hexahedron(CellShape::hexahedron);
   switch (shape) {
     case CellShape::pyramid:
-      return pyramid;
+      return made_table<CellShape::pyramid>();
     case CellShape::wedge:
-      return wedge;
+      return made_table<CellShape::wedge>();
     case CellShape::hexahedron:
-      return hexahedron;
+      return made_table<CellShape::hexahedron>();
     default:
-      return tetrahedron;
+      return made_table<CellShape::tetrahedron>();
   }
 }
 
@@ -151,31 +168,19 @@ std::span<const std::array<std::uint8_t, 4>> tetrahedra_of(CellShape shape, Cell
   return table_of(shape).splits[split];
 }
 
+std::span<const std::array<std::uint8_t, max_cell_corners>> permutations_of(CellShape shape) {
+  return table_of(shape).permutations;
+}
+
 std::span<const std::array<std::uint8_t, max_cell_corners>> orders_of(CellShape shape) {
   return table_of(shape).orders;
 }
 
-CellOrder find_order(CellShape shape, std::span<const std::uint64_t> corners, std::span<const std::uint64_t> ascending,
-                     CellSplit split) {
+CellOrder find_order(CellShape shape, Permutation permutation, CellSplit split) {
   if (shape == CellShape::tetrahedron) return {};
   const ShapeTable& table = table_of(shape);
-  Corners places{};
-  for (std::size_t k = 0; k < corners.size(); ++k)
-    places[k] = static_cast<std::uint8_t>(std::ranges::find(ascending, corners[k]) - ascending.begin());
-  const auto numbered = [&](const Corners& old) {
-    Corners anew{};
-    for (std::size_t k = 0; k < corners.size(); ++k) anew[k] = places[old[k]];
-    return anew;
-  };
-  const Corners* best = &table.symmetries[0];
-  Corners least = numbered(*best);
-  for (const Corners& old : table.symmetries) {
-    if (places[old[0]] > least[0]) continue;
-    const Corners anew = numbered(old);
-    if (anew < least) least = anew, best = &old;
-  }
-  const auto found = std::ranges::lower_bound(table.orders, least);
-  return {static_cast<std::uint16_t>(found - table.orders.begin()), renumbered(shape, split, *best)};
+  const auto [order, symmetry] = table.renumberings[permutation];
+  return {order, table.renumbered_splits[symmetry][split]};
 }
 
 }  // namespace splatvol::format

@@ -75,19 +75,33 @@ using CellSplit = std::uint16_t;
 /// them have a positive volume.
 [[nodiscard]] std::span<const std::array<std::uint8_t, 4>> tetrahedra_of(CellShape shape, CellSplit split);
 
+/// An order of a cell's corners: its number among all orders, which ascend.
+using Permutation = std::uint16_t;
+
+/// Returns the order of different corners; 0 if they ascend.
+template <class Corner>
+[[nodiscard]] Permutation permutation_of(std::span<const Corner> corners) {
+  unsigned number = 0;
+  for (std::size_t k = 0; k < corners.size(); ++k) {
+    number *= static_cast<unsigned>(corners.size() - k);
+    for (std::size_t i = k + 1; i < corners.size(); ++i) number += corners[i] < corners[k] ? 1 : 0;
+  }
+  return static_cast<Permutation>(number);
+}
+
+/// All orders of a shape's corners: [permutation][corner]: its place among all of the cell in ascending order.
+[[nodiscard]] std::span<const std::array<std::uint8_t, max_cell_corners>> permutations_of(CellShape shape);
+
 /// Another order of a cell's corners that is the same cell.
 struct CellOrder {
   std::uint16_t code = 0;  // which order: one of orders_of(shape)
   CellSplit split = 0;     // in that order
 };
 
-/// The orders of a shape that do not turn or mirror into each other: [code][corner]: the corner's place among all of
-/// the cell in ascending order of their ranks.
+/// The orders of a shape that do not turn or mirror into each other: [code][corner]: as permutations_of().
 [[nodiscard]] std::span<const std::array<std::uint8_t, max_cell_corners>> orders_of(CellShape shape);
 
-/// Finds the order among these. `ascending`: the corners in ascending order. Requires different corners, and a split of
-/// the shape.
-[[nodiscard]] CellOrder find_order(CellShape shape, std::span<const std::uint64_t> corners,
-                                   std::span<const std::uint64_t> ascending, CellSplit split);
+/// Finds the order among these. Requires a split of the shape.
+[[nodiscard]] CellOrder find_order(CellShape shape, Permutation permutation, CellSplit split);
 
 }  // namespace splatvol::format

@@ -71,30 +71,6 @@ void sort_by_rank(std::vector<Corner>& corners, int bits) {
 
 }  // namespace
 
-void CellChunk::append(const CellChunk& others, std::size_t begin, std::size_t end) {
-  const auto add = [](auto& to, const auto& from, std::size_t first, std::size_t last) {
-    if (from.empty()) return;
-    const auto at = [&](std::size_t i) { return from.begin() + static_cast<std::ptrdiff_t>(i); };
-    to.insert(to.end(), at(first), at(last));
-  };
-  const std::size_t had = corners.size(), first = others.begin_of(begin), last = others.begin_of(end);
-  add(corners, others.corners, first, last);
-  add(splits, others.splits, begin, end);
-  add(points, others.points, begin, end);
-  if (shape != CellShape::polyhedron) return;
-  for (std::size_t cell = begin; cell < end; ++cell)
-    ends.push_back(static_cast<std::uint32_t>(had + others.ends[cell] - first));
-  add(triangles, others.triangles, 2 * first - 4 * begin, 2 * last - 4 * end);
-}
-
-void CellChunk::clear() {
-  corners.clear();
-  splits.clear();
-  points.clear();
-  ends.clear();
-  triangles.clear();
-}
-
 std::string cell_shape_name(CellShape shape) {
   switch (shape) {
     case CellShape::tetrahedron:
@@ -144,7 +120,8 @@ LocalCells number_by_bits(std::span<const std::uint64_t> corners, std::uint64_t 
 LocalCells number_corners(std::span<const std::uint64_t> corners) {
   LocalCells cells;
   if (corners.empty()) return cells;
-  const auto [low, high] = std::ranges::minmax(corners);
+  std::uint64_t low = corners[0], high = low;
+  for (const std::uint64_t corner : corners) low = std::min(low, corner), high = std::max(high, corner);
   constexpr std::uint64_t most_words = 4;  // for each corner: then they take little more memory than a sort
   if ((high - low) / 64 < most_words * corners.size()) return number_by_bits(corners, low, high);
   std::vector<Corner> sorted;
@@ -281,20 +258,9 @@ CellsHeader add_polyhedra(const CellChunk& cells, Payload& payload) {
 }
 
 // Cells whose shape has a number of corners.
-CellsHeader add_cells(const CellChunk& cells, Payload& payload) {
+CellsHeader add_cells(const CellChunk& cells, std::span<const Permutation> permutations, Payload& payload) {
   const std::size_t count = corners_of(cells.shape), size = cells.size();
-  std::vector<std::uint64_t> ranks(size * count);  // ascending in a cell
-  std::vector<std::uint16_t> codes, splits;
-  for (std::size_t cell = 0; cell < size; ++cell) {
-    const auto corners = cells.corners_at(cell);
-    const auto sorted = std::span(ranks).subspan(cell * count, count);
-    std::ranges::copy(corners, sorted.begin());
-    sort_corners(sorted);
-    if (cells.shape == CellShape::tetrahedron) continue;
-    const CellOrder order = find_order(cells.shape, corners, sorted, cells.splits[cell]);
-    codes.push_back(order.code);
-    splits.push_back(order.split);
-  }
+  const std::uint64_t* const ranks = cells.corners.data();
   CellsHeader header{ranks[0], {}};
   std::vector<std::uint64_t> differences(size);
   for (std::size_t k = 0; k < count; ++k) {
@@ -308,6 +274,13 @@ CellsHeader add_cells(const CellChunk& cells, Payload& payload) {
     if (k == 0) payload.end_block();
   }
   payload.end_block();
+  if (cells.shape == CellShape::tetrahedron) return header;
+  std::vector<std::uint16_t> codes, splits;
+  for (std::size_t cell = 0; cell < size; ++cell) {
+    const CellOrder order = find_order(cells.shape, permutations[cell], cells.splits[cell]);
+    codes.push_back(order.code);
+    splits.push_back(order.split);
+  }
   payload.add(codes);
   payload.end_block();
   payload.add(splits);
@@ -316,14 +289,14 @@ CellsHeader add_cells(const CellChunk& cells, Payload& payload) {
 
 }  // namespace
 
-PackedCells pack_cells(const CellChunk& cells, std::size_t points) {
+PackedCells pack_cells(const CellChunk& cells, std::size_t points, std::span<const Permutation> permutations) {
   Payload payload{Bytes(header_bytes(cells.field))};
   if (cells.field == CellField::constant) {
     const PointsHeader of_points = add_points(cells, payload);
     std::memcpy(payload.bytes.data() + sizeof(CellsHeader), &of_points, sizeof(of_points));
   }
-  const CellsHeader header =
-      cells.shape == CellShape::polyhedron ? add_polyhedra(cells, payload) : add_cells(cells, payload);
+  const CellsHeader header = cells.shape == CellShape::polyhedron ? add_polyhedra(cells, payload)
+                                                                  : add_cells(cells, permutations, payload);
   std::memcpy(payload.bytes.data(), &header, sizeof(header));
   PackedCells packed;
   packed.bytes = pack_blocks(payload.bytes, payload.ends);

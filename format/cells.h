@@ -48,12 +48,6 @@ struct CellChunk {
     return std::span(triangles).subspan(begin, end - begin);
   }
   [[nodiscard]] CellSplit split_at(std::size_t cell) const { return splits.empty() ? CellSplit{0} : splits[cell]; }
-
-  /// Adds some of other cells of this shape and field: those of numbers from `begin` to `end`.
-  void append(const CellChunk& others, std::size_t begin, std::size_t end);
-
-  /// Drops all cells, and keeps the memory.
-  void clear();
 };
 
 /// The names of a shape and of a field; "shape 77", "field 77" if this program does not know them.
@@ -117,9 +111,11 @@ struct PackedCells {
 };
 
 /// Packs 1 to max_chunk_cells cells that are known, with at most max_chunk_corners. `points`: how many different ones
-/// they name. Requires different corners in each cell, surfaces that encode_surface() takes, and the ascending order of
-/// the lowest corners of all cells; of their points if the field is constant.
-[[nodiscard]] PackedCells pack_cells(const CellChunk& cells, std::size_t points);
+/// they name. Requires ascending, different corners in each cell, surfaces that encode_surface() takes, and the
+/// ascending order of the lowest corners of all cells; of their points if the field is constant. `permutations`:
+/// [cell]: the order of corners that its split is for; none: tetrahedra or polyhedra.
+[[nodiscard]] PackedCells pack_cells(const CellChunk& cells, std::size_t points,
+                                     std::span<const Permutation> permutations = {});
 
 /// The most corners that the cells of a chunk of a known shape have, one by one.
 [[nodiscard]] std::uint64_t most_corners(const CellChunkEntry& entry);

@@ -94,26 +94,31 @@ class ChunkMaker {
   void make(Item& item) {
     item.chunks.clear();
     item.report = {};
-    item.status = make(item.cells, item);
+    item.status = make(item.cells.records, item);
   }
 
  private:
   // NOLINTNEXTLINE(misc-no-recursion): halves at each call.
-  Status make(const SortedCells& cells, Item& item) {
+  Status make(std::span<const CellWord> records, Item& item) {
+    const CellForm& form = *item.cells.form;
+    const RankedCells cells = form.read(records);
     const format::CellChunk& chunk = cells.chunk;
-    const bool is_constant = chunk.field == format::CellField::constant;
-    const format::LocalCells local = format::number_corners(chunk.corners);
+    const bool is_constant = form.field() == format::CellField::constant;
+    format::LocalCells local = format::number_corners(chunk.corners);
     SPLATVOL_TRY(points_.find(is_constant ? chunk.points : local.ranks, places_));
     if (chunk.size() > 1 && format::RankedPoints::groups_of(places_).size() > format::max_chunk_groups) {
-      SPLATVOL_TRY(make(part_of(cells, 0, chunk.size() / 2), item));
-      return make(part_of(cells, chunk.size() / 2, chunk.size()), item);
+      std::size_t half = 0;
+      for (std::size_t i = 0; i < chunk.size() / 2; ++i) half += form.records_of(&records[half]) * form.words();
+      SPLATVOL_TRY(make(records.first(half), item));
+      return make(records.subspan(half), item);
     }
     MadeChunk& made = item.chunks.emplace_back();
-    made.packed = format::pack_cells(chunk, local.ranks.size());
+    made.packed = format::pack_cells(chunk, local.ranks.size(), cells.permutations);
     if (is_constant)
       SPLATVOL_TRY(vertices_.read_positions(local.ranks, positions_));
     else
       SPLATVOL_TRY(points_.read_positions(places_, positions_));
+    restore_order(cells, local);
     const format::CellExtent extent = format::measure_cells(chunk, local, positions_);
     for (int axis = 0; axis < 3; ++axis) {
       made.packed.entry.low[axis] = extent.box.low[axis];
@@ -129,13 +134,20 @@ class ChunkMaker {
     return {};
   }
 
-  static SortedCells part_of(const SortedCells& cells, std::size_t begin, std::size_t end) {
-    SortedCells part{{cells.chunk.shape, cells.chunk.field, {}, {}, {}}, {}};
-    part.add(cells, begin, end);
-    return part;
+  // Splits are of the order in which the corners came. Sums depend on it, too.
+  static void restore_order(const RankedCells& cells, format::LocalCells& local) {
+    if (cells.permutations.empty()) return;
+    const auto permutations = format::permutations_of(cells.chunk.shape);
+    const std::size_t count = format::corners_of(cells.chunk.shape);
+    std::array<std::uint32_t, format::max_cell_corners> ascending{};
+    for (std::size_t i = 0; i < cells.chunk.size(); ++i) {
+      const auto corners = std::span(local.corners).subspan(i * count, count);
+      std::ranges::copy(corners, ascending.begin());
+      for (std::size_t k = 0; k < count; ++k) corners[k] = ascending[permutations[cells.permutations[i]][k]];
+    }
   }
 
-  void count_turned(const SortedCells& cells, const format::LocalCells& local, CellReport& report) {
+  void count_turned(const RankedCells& cells, const format::LocalCells& local, CellReport& report) {
     for (std::size_t i = 0; i < cells.chunk.size(); ++i) {
       bool is_turned = false;
       const std::size_t begin = cells.chunk.begin_of(i);
@@ -312,7 +324,7 @@ class ChunkPipeline {
     failed_ = !written_;
     if (failed_) return;
     writer_.count_turned(item.report.turned);
-    report_.cells += item.cells.chunk.size();
+    report_.cells += item.cells.cells;
     report_.turned += item.report.turned;
     report_.volume += item.report.volume;
     report_.turned_volume += item.report.turned_volume;

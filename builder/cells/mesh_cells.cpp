@@ -18,64 +18,67 @@ namespace {
 constexpr std::size_t joined_cells = 4096;  // most cells of a chunk that joins index leaves
 constexpr std::uint32_t most_pieces = std::numeric_limits<std::int32_t>::max();
 
-// The same for a cell whose corners come in another order. `ranks`: the corners in ascending order.
-std::uint64_t hash_of(format::CellShape shape, const RankedCell& cell, std::span<const std::uint64_t> ranks) {
-  const auto corners = std::span(cell.corners).first(ranks.size());
-  const format::CellOrder order = format::find_order(shape, corners, ranks, cell.split);
+// The same for a cell whose corners come in another order.
+std::uint64_t hash_of(const CellForm& form, const RankedCell& cell) {
+  const std::size_t corners = format::corners_of(form.shape());
+  const format::CellOrder order = format::find_order(form.shape(), cell.permutation, cell.split);
   std::array<std::uint64_t, format::max_cell_corners + 2> words{};
-  std::ranges::copy(ranks, words.begin());
-  words[ranks.size()] = std::uint64_t{order.code} << 32 | order.split;
-  words[ranks.size() + 1] = cell.point;
-  return format::hash_bytes(std::as_bytes(std::span(words).first(ranks.size() + 2)));
+  std::ranges::copy(cell.ranks, words.begin());
+  words[corners] = std::uint64_t{order.code} << 32 | order.split;
+  words[corners + 1] = cell.point;
+  return format::hash_bytes(std::as_bytes(std::span(words).first(corners + 2)));
 }
 
 // Cells of a block with their ranks, as records of CellSort.
 struct RankedBlock {
-  std::vector<std::uint64_t> records;     // of the block's shape
-  std::vector<std::uint64_t> tetrahedra;  // of its cells that have lost a corner
+  std::vector<CellWord> records;     // of the block's shape
+  std::vector<CellWord> tetrahedra;  // of its cells that have lost a corner
   std::uint64_t collapsed = 0;
   std::uint64_t hash = 0;  // sum of those of the cells
   bool lacks_point = false;
 };
 
 // Cells of a block of RankedSpool.
-void rank_joined(std::span<const std::byte> block, RankedBlock& ranked) {
-  constexpr auto shape = format::CellShape::tetrahedron;
+void rank_joined(std::span<const std::byte> block, const CellForm& form, RankedBlock& ranked) {
   std::vector<RankedTetrahedron> tetrahedra;
   RankedSpool::unpack(block, tetrahedra);
-  ranked.records.reserve(tetrahedra.size() * format::corners_of(shape));
+  ranked.records.reserve(tetrahedra.size() * form.words());
   for (const RankedTetrahedron& tetrahedron : tetrahedra) {
     RankedCell cell{.sign = tetrahedron.sign};
-    std::ranges::copy(tetrahedron.corners, cell.corners.begin());
-    ranked.hash += hash_of(shape, cell, tetrahedron.corners);
-    const CellSort::Record record = CellSort::record_of(shape, cell);
-    ranked.records.insert(ranked.records.end(), record.begin(), record.begin() + format::corners_of(shape));
+    std::ranges::copy(tetrahedron.corners, cell.ranks.begin());
+    ranked.hash += hash_of(form, cell);
+    form.append(cell, ranked.records);
   }
 }
 
 // Gives the cells of a block their ranks.
 class BlockRanker {
  public:
-  // `corners`: ranks or numbers of what the corners are; `ranks`: [point of the piece].
+  // `corners`: ranks or numbers of what the corners are; `ranks`: [point of the piece]; all are below `rank_end`.
   BlockRanker(const CellBlock& block, std::span<const std::uint64_t> corners, std::span<const std::uint64_t> ranks,
-              RankedBlock& ranked)
-      : block_(block), corners_(corners), ranks_(ranks), ranked_(ranked) {}
+              std::uint64_t rank_end, RankedBlock& ranked)
+      : block_(block),
+        corners_(corners),
+        ranks_(ranks),
+        form_(block.shape, block.field, rank_end),
+        of_tetrahedra_(format::CellShape::tetrahedron, block.field, rank_end),
+        ranked_(ranked) {}
 
   void run() {
-    if (block_.shape == format::CellShape::polyhedron) return run_polyhedra();
+    if (form_.is_of_polyhedra()) return run_polyhedra();
     std::vector<SpooledCell> cells;
     unpack(block_, cells);
     const std::size_t count = format::corners_of(block_.shape);
-    ranked_.records.reserve(cells.size() * CellSort::words_of(block_.shape, block_.field));
+    ranked_.records.reserve(cells.size() * form_.words());
     for (const SpooledCell& spooled : cells) {
       RankedCell cell{.split = spooled.split, .sign = spooled.sign};
       for (std::size_t k = 0; k < count; ++k) {
-        cell.corners[k] = corners_[spooled.corners[k]];
-        ranked_.lacks_point = ranked_.lacks_point || cell.corners[k] == TagSort::none;
+        cell.ranks[k] = corners_[spooled.corners[k]];
+        ranked_.lacks_point = ranked_.lacks_point || cell.ranks[k] == TagSort::none;
       }
       if (block_.field == format::CellField::constant) cell.point = ranks_[spooled.point];
       ranked_.lacks_point = ranked_.lacks_point || cell.point == TagSort::none;
-      if (!ranked_.lacks_point) add(block_.shape, cell, ranked_.records);
+      if (!ranked_.lacks_point) add(form_, cell, ranked_.records);
     }
   }
 
@@ -92,44 +95,43 @@ class BlockRanker {
                             std::ranges::find(numbers, TagSort::none) != numbers.end();
       if (ranked_.lacks_point) return;
       if (renumber(numbers, cell))
-        ranked_.hash += append_records(cell, block_.field, ranked_.records);
+        ranked_.hash += form_.append(cell, ranked_.records);
       else
         format::for_each_tetrahedron(cell.triangles, cell.apex,
                                      [&](const auto& corners) { add_part(corners, numbers, cell.point); });
     }
   }
 
-  void add(format::CellShape shape, const RankedCell& cell, std::vector<std::uint64_t>& records) {
-    const std::size_t count = format::corners_of(shape);
-    auto sorted = cell.corners;
-    const auto ranks = std::span(sorted).first(count);
-    format::sort_corners(ranks);
-    if (std::ranges::adjacent_find(ranks) != ranks.end()) return add_parts(shape, cell);
-    ranked_.hash += hash_of(shape, cell, ranks);
-    const CellSort::Record record = CellSort::record_of(shape, cell);
-    const auto words = static_cast<std::ptrdiff_t>(CellSort::words_of(shape, block_.field));
-    records.insert(records.end(), record.begin(), record.begin() + words);
+  // The corners of `cell` come in any order.
+  void add(const CellForm& form, RankedCell& cell, std::vector<CellWord>& records) {
+    const auto corners = cell.ranks;
+    const auto ranks = std::span(cell.ranks).first(format::corners_of(form.shape()));
+    cell.permutation = format::permutation_of(std::span<const std::uint64_t>(ranks));
+    if (cell.permutation != 0) format::sort_corners(ranks);
+    if (std::ranges::adjacent_find(ranks) != ranks.end()) return add_parts(form.shape(), corners, cell);
+    ranked_.hash += hash_of(form, cell);
+    form.append(cell, records);
   }
 
   // Adds the tetrahedra that have four corners.
-  void add_parts(format::CellShape shape, const RankedCell& cell) {
+  void add_parts(format::CellShape shape, std::span<const std::uint64_t> corners, const RankedCell& cell) {
     if (shape == format::CellShape::tetrahedron) {
       ++ranked_.collapsed;
       return;
     }
-    for (const auto& tetrahedron : format::tetrahedra_of(shape, cell.split))
-      add_part(tetrahedron, cell.corners, cell.point);
+    for (const auto& tetrahedron : format::tetrahedra_of(shape, cell.split)) add_part(tetrahedron, corners, cell.point);
   }
 
   void add_part(const std::array<std::uint8_t, 4>& tetrahedron, std::span<const std::uint64_t> corners,
                 std::uint64_t point) {
     RankedCell part{.point = point};
-    for (std::size_t k = 0; k < tetrahedron.size(); ++k) part.corners[k] = corners[tetrahedron[k]];
-    add(format::CellShape::tetrahedron, part, ranked_.tetrahedra);
+    for (std::size_t k = 0; k < tetrahedron.size(); ++k) part.ranks[k] = corners[tetrahedron[k]];
+    add(of_tetrahedra_, part, ranked_.tetrahedra);
   }
 
   const CellBlock& block_;
   std::span<const std::uint64_t> corners_, ranks_;
+  CellForm form_, of_tetrahedra_;
   RankedBlock& ranked_;
 };
 
@@ -186,8 +188,9 @@ Result<std::optional<std::uint64_t>> MeshCells::NumberQueue::next() {
 }
 
 Status MeshCells::sort() {
-  SPLATVOL_TRY(start_sorts(spool_.counts(), rank_end_));
-  const auto add = [&](format::CellShape shape, std::span<const std::uint64_t> records) {
+  SPLATVOL_TRY(number_corners());
+  SPLATVOL_TRY(start_sorts(spool_.counts()));
+  const auto add = [&](format::CellShape shape, std::span<const CellWord> records) {
     return add_records(shape, records);
   };
   SPLATVOL_TRY(translate(add));
@@ -196,14 +199,21 @@ Status MeshCells::sort() {
 }
 
 Status MeshCells::hash_only() {
-  const auto drop = [](format::CellShape, std::span<const std::uint64_t>) { return Status(); };
+  SPLATVOL_TRY(number_corners());
+  const auto drop = [](format::CellShape, std::span<const CellWord>) { return Status(); };
   SPLATVOL_TRY(translate(drop));
   return add_joined_to(drop);
 }
 
-Status MeshCells::translate(const TakeRecords& take) {
+Status MeshCells::number_corners() {
   SPLATVOL_TRY(tags_.finish());
-  if (vertices_) SPLATVOL_TRY(vertices_->sort());
+  if (!vertices_) return {};
+  SPLATVOL_TRY(vertices_->sort());
+  rank_end_ = std::max(rank_end_, vertices_->count());
+  return {};
+}
+
+Status MeshCells::translate(const TakeRecords& take) {
   const auto add = [&](std::span<const CellBlock> blocks) -> Status {
     SPLATVOL_TRY(load_ranks(blocks[0]));
     return add_ranked(blocks, take);
@@ -220,35 +230,34 @@ Status MeshCells::finish_sorts() {
 }
 
 // Shapes share the memory by the bytes of their records.
-Status MeshCells::start_sorts(const CellSpool::Counts& counts, std::uint64_t rank_end) {
+Status MeshCells::start_sorts(const CellSpool::Counts& counts) {
   using format::CellShape;
   constexpr std::array all = {CellShape::tetrahedron, CellShape::pyramid, CellShape::wedge, CellShape::hexahedron,
                               CellShape::polyhedron};
   const format::CellField field = vertices_ ? format::CellField::constant : format::CellField::corners;
-  const auto bytes_of = [&](CellShape shape) {
-    const std::uint64_t joined = shape == CellShape::tetrahedron ? joined_.count() : 0;
-    const std::uint64_t records = shape == CellShape::polyhedron ? 3 : 1;  // of a cell, about
-    return (counts[static_cast<std::size_t>(shape)] + joined) * records * CellSort::words_of(shape, field);
+  const auto bytes_of = [&](const CellForm& form) {
+    const std::uint64_t joined = form.shape() == CellShape::tetrahedron ? joined_.count() : 0;
+    const std::uint64_t records = form.is_of_polyhedra() ? 3 : 1;  // of a cell, about
+    return (counts[static_cast<std::size_t>(form.shape())] + joined) * records * form.words();
   };
   std::uint64_t bytes = 0;
-  for (const CellShape shape : all) bytes += bytes_of(shape);
+  for (const CellShape shape : all) bytes += bytes_of(CellForm(shape, field, rank_end_));
   for (const CellShape shape : all) {
     // Tetrahedra may come of the others.
-    const std::uint64_t own = bytes_of(shape);
+    const CellForm form(shape, field, rank_end_);
+    const std::uint64_t own = bytes_of(form);
     if (own == 0 && shape != CellShape::tetrahedron) continue;
     const auto share = static_cast<double>(own) / static_cast<double>(std::max<std::uint64_t>(bytes, 1));
     const auto memory = static_cast<std::uint64_t>(share * static_cast<double>(memory_));
-    SPLATVOL_TRY_ASSIGN(sort, CellSort::create(shape, field, rank_end, memory, folder_));
+    SPLATVOL_TRY_ASSIGN(sort, CellSort::create(form, memory, folder_));
     shapes_.push_back(std::unique_ptr<OfShape>(new OfShape{std::move(sort), NumberQueue(folder_), 0, {}}));
-    shapes_.back()->leaf_cells.chunk.shape = shape;
-    shapes_.back()->leaf_cells.chunk.field = field;
   }
   return {};
 }
 
 CellSort* MeshCells::sort_of(format::CellShape shape) {
   const auto found =
-      std::ranges::find_if(shapes_, [&](const auto& of_shape) { return of_shape->sort.shape() == shape; });
+      std::ranges::find_if(shapes_, [&](const auto& of_shape) { return of_shape->sort.form().shape() == shape; });
   return &(*found)->sort;
 }
 
@@ -263,7 +272,7 @@ Status MeshCells::add_ranked(std::span<const CellBlock> blocks, const TakeRecord
   std::vector<RankedBlock> ranked(blocks.size());
   const std::vector<std::uint64_t>& corners = vertices_ ? numbers_ : ranks_;
   tbb::parallel_for(std::size_t{0}, blocks.size(),
-                    [&](std::size_t b) { BlockRanker(blocks[b], corners, ranks_, ranked[b]).run(); });
+                    [&](std::size_t b) { BlockRanker(blocks[b], corners, ranks_, rank_end_, ranked[b]).run(); });
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     if (ranked[b].lacks_point) return fail(ErrorCode::invalid_data, "a cell has a corner that is no point of the file");
     collapsed_ += ranked[b].collapsed;
@@ -275,9 +284,10 @@ Status MeshCells::add_ranked(std::span<const CellBlock> blocks, const TakeRecord
 }
 
 Status MeshCells::add_joined_to(const TakeRecords& take) {
+  const CellForm form(format::CellShape::tetrahedron, format::CellField::corners, rank_end_);
   const auto add = [&](std::span<const std::span<const std::byte>> blocks) -> Status {
     std::vector<RankedBlock> ranked(blocks.size());
-    tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) { rank_joined(blocks[b], ranked[b]); });
+    tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) { rank_joined(blocks[b], form, ranked[b]); });
     for (const RankedBlock& block : ranked) {
       hash_ += block.hash;
       SPLATVOL_TRY(take(format::CellShape::tetrahedron, block.records));
@@ -289,35 +299,34 @@ Status MeshCells::add_joined_to(const TakeRecords& take) {
 
 // Gathers the cells of the next index leaf that has some; of a leaf with too many for a chunk, the next of them.
 Status MeshCells::gather_leaf(OfShape& of_shape) {
-  while (of_shape.leaf_cells.has_room()) {
+  while (of_shape.sort.has_room(of_shape.leaf_cells)) {
     SPLATVOL_TRY_ASSIGN(rank, of_shape.sort.next_rank());
     if (!rank) return {};
     while (*rank >= of_shape.leaf_end) {
-      if (of_shape.leaf_cells.chunk.size() > 0) return {};
+      if (of_shape.leaf_cells.cells > 0) return {};
       SPLATVOL_TRY_ASSIGN(points, of_shape.leaves.next());
       if (!points) return fail(ErrorCode::invalid_data, "a cell has a corner that is in no leaf of the index");
       of_shape.leaf_end += *points;
     }
-    of_shape.sort.take(of_shape.leaf_end, format::max_chunk_cells - of_shape.leaf_cells.chunk.size(),
-                       of_shape.leaf_cells);
+    of_shape.sort.take(of_shape.leaf_end, of_shape.leaf_cells);
   }
   return {};
 }
 
 Result<bool> MeshCells::next_chunk(OfShape& of_shape, SortedCells& cells) {
-  cells.clear();
-  cells.chunk.shape = of_shape.sort.shape();
-  cells.chunk.field = of_shape.sort.field();
+  cells = {.form = &of_shape.sort.form()};
   SortedCells& leaf = of_shape.leaf_cells;
   for (;;) {
-    if (leaf.chunk.size() == 0) SPLATVOL_TRY(gather_leaf(of_shape));
-    if (leaf.chunk.size() == 0) return cells.chunk.size() > 0;
-    if (cells.chunk.size() > 0 && (cells.chunk.size() + leaf.chunk.size() > joined_cells ||
-                                   cells.chunk.corners.size() + leaf.chunk.corners.size() > format::max_chunk_corners))
+    if (leaf.cells == 0) SPLATVOL_TRY(gather_leaf(of_shape));
+    if (leaf.cells == 0) return cells.cells > 0;
+    if (cells.cells > 0 &&
+        (cells.cells + leaf.cells > joined_cells || cells.corners + leaf.corners > format::max_chunk_corners))
       return true;
-    cells.add(leaf);
-    leaf.clear();
-    if (cells.chunk.size() >= joined_cells) return true;
+    cells.records.insert(cells.records.end(), leaf.records.begin(), leaf.records.end());
+    cells.cells += leaf.cells;
+    cells.corners += leaf.corners;
+    leaf = {};
+    if (cells.cells >= joined_cells) return true;
   }
 }
 

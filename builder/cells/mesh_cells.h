@@ -49,15 +49,17 @@ class MeshCells {
   /// Finds the ranks of all corners, for hash() alone. Called instead of sort().
   [[nodiscard]] Status hash_only();
 
-  /// The cells of pieces, for ranks that do sort() together. Each calls translate() for the cells that it has read,
-  /// once it was told their ranks. One of them sorts what take(shape, records) gets on all. All of their ranks are
-  /// below the sum of rank_end().
+  /// The cells of pieces, for ranks that do sort() together. Each calls number_corners(), then translate() for the
+  /// cells that it has read, once it was told their ranks. One of them sorts what take(shape, records) gets on all. All
+  /// of their ranks are below the sum of rank_end().
   [[nodiscard]] CellSpool& spool() { return spool_; }
-  using TakeRecords = std::function<Status(format::CellShape, std::span<const std::uint64_t>)>;
-  [[nodiscard]] Status translate(const TakeRecords& take);
+  using TakeRecords = std::function<Status(format::CellShape, std::span<const CellWord>)>;
+  [[nodiscard]] Status number_corners();
   [[nodiscard]] std::uint64_t rank_end() const { return rank_end_; }
-  [[nodiscard]] Status start_sorts(const CellSpool::Counts& counts, std::uint64_t rank_end);
-  [[nodiscard]] Status add_records(format::CellShape shape, std::span<const std::uint64_t> records) {
+  void set_rank_end(std::uint64_t rank_end) { rank_end_ = rank_end; }
+  [[nodiscard]] Status translate(const TakeRecords& take);
+  [[nodiscard]] Status start_sorts(const CellSpool::Counts& counts);
+  [[nodiscard]] Status add_records(format::CellShape shape, std::span<const CellWord> records) {
     return sort_of(shape)->add(records);
   }
   [[nodiscard]] Status finish_sorts();
@@ -123,7 +125,7 @@ class MeshCells {
   RankedSpool joined_;
   std::uint64_t collapsed_ = 0;
   std::uint64_t hash_ = 0;
-  std::uint64_t rank_end_ = 0;  // all ranks of cells' corners are below it
+  std::uint64_t rank_end_ = 0;  // all ranks, and numbers of vertices, are below it
 
   TagSort tags_;
   std::unique_ptr<VertexSort> vertices_;  // null: no piece has had cells of their own

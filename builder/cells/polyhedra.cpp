@@ -13,9 +13,6 @@
 namespace splatvol {
 namespace {
 
-constexpr std::size_t head_words = 2;  // of a record: rank, hash and number
-constexpr std::size_t body_bytes = (polyhedron_record_words - head_words) * sizeof(std::uint64_t);
-
 // Numbers corners in the order in which they come.
 class CornerNumbers {
  public:
@@ -120,38 +117,6 @@ void get_polyhedron(std::span<const std::byte>& bytes, Polyhedron& polyhedron) {
   polyhedron.corners.clear();
   std::uint64_t before = 0;
   while (polyhedron.corners.size() < corners) polyhedron.corners.push_back(before += get_number(bytes));
-}
-
-// In front of the bytes of all records is a byte: how many there are.
-std::uint64_t append_records(const Polyhedron& polyhedron, format::CellField field,
-                             std::vector<std::uint64_t>& records) {
-  std::vector<std::byte> bytes(1);
-  [[maybe_unused]] const bool is_kept = put_polyhedron(polyhedron, bytes);
-  const std::uint64_t hash = format::hash_bytes(std::span(bytes).subspan(2));  // behind the sign
-  const std::size_t count = (bytes.size() + body_bytes - 1) / body_bytes;
-  bytes[0] = static_cast<std::byte>(count);
-  bytes.resize(count * body_bytes);
-  const std::size_t begin = records.size();
-  records.resize(begin + count * polyhedron_record_words);
-  for (std::size_t r = 0; r < count; ++r) {
-    std::uint64_t* const record = records.data() + begin + r * polyhedron_record_words;
-    record[0] = field == format::CellField::constant ? polyhedron.point : polyhedron.corners[0];
-    record[1] = hash << 8 | r;
-    std::memcpy(record + head_words, bytes.data() + r * body_bytes, body_bytes);
-  }
-  return hash;
-}
-
-std::size_t record_count(std::span<const std::uint64_t> record) {
-  return std::to_integer<std::size_t>(std::as_bytes(record.subspan(head_words))[0]);
-}
-
-void read_records(std::span<const std::uint64_t> records, Polyhedron& polyhedron) {
-  std::vector<std::byte> bytes(records.size() / polyhedron_record_words * body_bytes);
-  for (std::size_t at = 0; !records.empty(); at += body_bytes, records = records.subspan(polyhedron_record_words))
-    std::memcpy(bytes.data() + at, records.data() + head_words, body_bytes);
-  std::span<const std::byte> left = std::span(bytes).subspan(1);
-  get_polyhedron(left, polyhedron);
 }
 
 }  // namespace splatvol

@@ -35,19 +35,4 @@ struct Polyhedron {
 /// Takes a polyhedron from the front of `bytes`. Its surface may be turned round, and then it has the other sign.
 void get_polyhedron(std::span<const std::byte>& bytes, Polyhedron& polyhedron);
 
-/// Records of a sort: a polyhedron has one or more. Their words are: the rank of its lowest corner, or of its point if
-/// the field is constant; a hash of it, above the record's number in the lowest byte; its bytes.
-inline constexpr std::size_t polyhedron_record_words = 8;
-
-/// Appends the records of a polyhedron whose corners are ranks, or numbers of vertices. Returns its hash, which depends
-/// neither on its sign nor on the order of its triangles. Requires a surface that a file can keep.
-std::uint64_t append_records(const Polyhedron& polyhedron, format::CellField field,
-                             std::vector<std::uint64_t>& records);
-
-/// The number of records of a polyhedron, which its first one tells.
-[[nodiscard]] std::size_t record_count(std::span<const std::uint64_t> record);
-
-/// Undoes append_records(), as get_polyhedron().
-void read_records(std::span<const std::uint64_t> records, Polyhedron& polyhedron);
-
 }  // namespace splatvol

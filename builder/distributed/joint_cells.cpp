@@ -98,8 +98,11 @@ Status JointCells::send_tags() {
 
 // Each rank translates its cells at the same time as the others. Then rank 0 gets them.
 Status JointCells::send_cells() {
+  std::array<std::uint64_t, 1> rank_end = {cells_->rank_end()};
+  ranks_.sum(rank_end);
+  cells_->set_rank_end(rank_end[0]);
   BlockSpool translated(folder_);
-  const auto keep = [&](format::CellShape shape, std::span<const std::uint64_t> records) -> Status {
+  const auto keep = [&](format::CellShape shape, std::span<const CellWord> records) -> Status {
     if (records.empty()) return {};
     ByteWriter out;
     out.put(shape);
@@ -107,13 +110,17 @@ Status JointCells::send_cells() {
     out.append(std::as_bytes(records));
     return translated.append(out.bytes());
   };
-  SPLATVOL_TRY(ranks_.agree(cells_->translate(keep)));
-  std::array<std::uint64_t, 3> sums = {cells_->collapsed(), cells_->hash(), cells_->rank_end()};
+  const auto translate = [&]() -> Status {
+    SPLATVOL_TRY(cells_->number_corners());
+    return cells_->translate(keep);
+  };
+  SPLATVOL_TRY(ranks_.agree(translate()));
+  std::array<std::uint64_t, 2> sums = {cells_->collapsed(), cells_->hash()};
   ranks_.sum(sums);
   cells_->set_sums(sums[0], sums[1]);
   const CellSpool::Counts counts = sum_counts();
-  SPLATVOL_TRY(ranks_.agree(ranks_.is_first() ? cells_->start_sorts(counts, sums[2]) : Status{}));
-  std::vector<std::uint64_t> records;
+  SPLATVOL_TRY(ranks_.agree(ranks_.is_first() ? cells_->start_sorts(counts) : Status{}));
+  std::vector<CellWord> records;
   const auto add = [&](std::size_t, std::span<const std::byte> bytes) -> Status {
     for (ByteReader in(bytes); !in.at_end();) {
       format::CellShape shape{};

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <random>
-#include <tuple>
 #include <vector>
 
 #include "tests/support/results.h"
@@ -19,7 +18,9 @@ using format::CellShape;
 // A cell in the order of CellSort, and its corners as they were given.
 struct Cell {
   std::uint64_t point = 0;
-  std::vector<std::uint64_t> sorted, corners;
+  std::vector<std::uint64_t> sorted;
+  format::CellSplit split = 0;
+  std::vector<std::uint64_t> corners;
   int sign = 0;
   auto operator<=>(const Cell&) const = default;
 };
@@ -36,20 +37,25 @@ std::vector<Cell> random_cells(CellShape shape, CellField field, std::uint64_t f
     }
     cell.sorted = cell.corners;
     std::ranges::sort(cell.sorted);
+    cell.split = static_cast<format::CellSplit>(random() % format::split_end(shape));
     cell.sign = static_cast<int>(random() % 3) - 1;
   }
   return cells;
 }
 
-std::vector<Cell> cells_of(const SortedCells& sorted) {
-  std::vector<Cell> cells(sorted.chunk.size());
+std::vector<Cell> cells_of(const CellForm& form, const SortedCells& sorted) {
+  const RankedCells ranked = form.read(sorted.records);
+  EXPECT_EQ(ranked.chunk.size(), sorted.cells);
+  EXPECT_EQ(ranked.chunk.corners.size(), sorted.corners);
+  std::vector<Cell> cells(sorted.cells);
   for (std::size_t i = 0; i < cells.size(); ++i) {
-    const auto corners = sorted.chunk.corners_at(i);
-    cells[i].corners.assign(corners.begin(), corners.end());
-    cells[i].sorted = cells[i].corners;
-    std::ranges::sort(cells[i].sorted);
-    if (!sorted.chunk.points.empty()) cells[i].point = sorted.chunk.points[i];
-    cells[i].sign = sorted.signs[i];
+    const auto corners = ranked.chunk.corners_at(i);
+    cells[i].sorted.assign(corners.begin(), corners.end());
+    for (std::size_t k = 0; k < corners.size(); ++k)
+      cells[i].corners.push_back(corners[format::permutations_of(form.shape())[ranked.permutations[i]][k]]);
+    if (!ranked.chunk.points.empty()) cells[i].point = ranked.chunk.points[i];
+    cells[i].split = ranked.chunk.split_at(i);
+    cells[i].sign = ranked.signs[i];
   }
   return cells;
 }
@@ -58,27 +64,29 @@ struct CellSorts : FolderTest {
   // Sorts, and takes the cells of ranks below a border, which moves on.
   std::vector<Cell> sort(CellShape shape, CellField field, std::span<const Cell> cells, std::uint64_t rank_end,
                          std::uint64_t memory) const {
-    CellSort sort = value_of(CellSort::create(shape, field, rank_end, memory, path("")));
+    const CellForm form(shape, field, rank_end);
+    CellSort sort = value_of(CellSort::create(form, memory, path("")));
     for (const Cell& cell : cells) {
-      RankedCell ranked{.point = cell.point, .sign = cell.sign};
-      std::ranges::copy(cell.corners, ranked.corners.begin());
-      const CellSort::Record record = CellSort::record_of(shape, ranked);
-      EXPECT_TRUE(sort.add(std::span(record).first(CellSort::words_of(shape, field))));
+      RankedCell ranked{.point = cell.point, .split = cell.split, .sign = cell.sign};
+      std::ranges::copy(cell.sorted, ranked.ranks.begin());
+      ranked.permutation = format::permutation_of(std::span(cell.corners));
+      std::vector<CellWord> record;
+      form.append(ranked, record);
+      EXPECT_EQ(record.size(), form.words());
+      EXPECT_TRUE(sort.add(record));
     }
     EXPECT_TRUE(sort.finish());
     SortedCells sorted;
-    sorted.chunk.shape = shape;
-    sorted.chunk.field = field;
     while (const auto rank = value_of(sort.next_rank())) {
-      const std::size_t had = sorted.chunk.size();
-      sort.take(*rank + 3, 100, sorted);
-      EXPECT_GT(sorted.chunk.size(), had);
-      EXPECT_LE(sorted.chunk.size(), had + 100);
-      const std::vector<Cell> all = cells_of(sorted);
+      const std::size_t had = sorted.cells;
+      sort.take(*rank + 3, sorted);
+      EXPECT_GT(sorted.cells, had);
+      const std::vector<Cell> all = cells_of(form, sorted);
       EXPECT_EQ(field == CellField::constant ? all[had].point : all[had].sorted[0], *rank);
       EXPECT_LT(field == CellField::constant ? all.back().point : all.back().sorted[0], *rank + 3);
     }
-    return cells_of(sorted);
+    EXPECT_EQ(sort.count(), cells.size());
+    return cells_of(form, sorted);
   }
 };
 
@@ -89,8 +97,7 @@ TEST_F(CellSorts, OrderIsThatOfAllCornersForAnyRanksAndMemory) {
            {std::uint64_t{0}, (std::uint64_t{1} << 31) - 20, (std::uint64_t{1} << 48) - 50}) {
         std::vector<Cell> cells = random_cells(shape, field, first);
         const std::vector<Cell> sorted = sort(shape, field, cells, first + 40, std::uint64_t{1} << 24);
-        const auto key = [](const Cell& cell) { return std::tie(cell.point, cell.sorted); };
-        EXPECT_TRUE(std::ranges::is_sorted(sorted, {}, key));
+        EXPECT_TRUE(std::ranges::is_sorted(sorted));
         EXPECT_EQ(sort(shape, field, cells, first + 40, 1), sorted);
         EXPECT_EQ(sort(shape, field, cells, std::uint64_t{1} << 48, 1), sorted);
         std::ranges::reverse(cells);

@@ -130,41 +130,39 @@ TEST(Polyhedra, GetOtherNumbers) {
 
 struct PolyhedronSort : FolderTest {
   std::vector<std::byte> sort(format::CellField field, std::span<const Polyhedron> cells, std::uint64_t memory) const {
-    constexpr std::uint64_t rank_end = 200'000;
-    constexpr auto shape = format::CellShape::polyhedron;
-    CellSort sort = value_of(CellSort::create(shape, field, rank_end, memory, path("")));
+    const CellForm form(format::CellShape::polyhedron, field, 200'000);
+    CellSort sort = value_of(CellSort::create(form, memory, path("")));
     for (const Polyhedron& cell : cells) {
-      std::vector<std::uint64_t> records;
-      append_records(cell, field, records);
-      EXPECT_EQ(records.size(), record_count(records) * polyhedron_record_words);
+      std::vector<CellWord> records;
+      form.append(cell, records);
+      EXPECT_EQ(records.size(), form.records_of(records.data()) * form.words());
+      EXPECT_EQ(form.corners_of(records.data()), cell.corners.size());
       EXPECT_TRUE(sort.add(records));
     }
     EXPECT_TRUE(sort.finish());
     EXPECT_EQ(sort.count(), cells.size());
     SortedCells sorted;
-    sorted.chunk.shape = shape;
-    sorted.chunk.field = field;
     std::uint64_t before = 0;
     while (const auto rank = value_of(sort.next_rank())) {
       EXPECT_GE(*rank, before);
       before = *rank;
-      const std::size_t had = sorted.chunk.size();
-      sort.take(*rank + 3, 10, sorted);
-      EXPECT_GT(sorted.chunk.size(), had);
-      EXPECT_LE(sorted.chunk.size(), had + 10);
-      const std::size_t last = sorted.chunk.size() - 1;
-      EXPECT_LT(field == format::CellField::constant ? sorted.chunk.points[last] : sorted.chunk.corners_at(last)[0],
-                *rank + 3);
+      const std::size_t had = sorted.records.size();
+      sort.take(*rank + 3, sorted);
+      EXPECT_EQ(form.rank_of(&sorted.records[had]), *rank);
+      EXPECT_LT(form.rank_of(&sorted.records[sorted.records.size() - form.words()]), *rank + 3);
     }
+    const auto [chunk, permutations, signs] = form.read(sorted.records);
+    EXPECT_EQ(chunk.size(), sorted.cells);
+    EXPECT_EQ(chunk.corners.size(), sorted.corners);
     std::vector<std::byte> bytes;
-    for (std::size_t i = 0; i < sorted.chunk.size(); ++i) {
-      const auto corners = sorted.chunk.corners_at(i);
-      const auto triangles = sorted.chunk.triangles_at(i);
+    for (std::size_t i = 0; i < chunk.size(); ++i) {
+      const auto corners = chunk.corners_at(i);
+      const auto triangles = chunk.triangles_at(i);
       const Polyhedron cell{.corners = {corners.begin(), corners.end()},
                             .triangles = {triangles.begin(), triangles.end()},
-                            .point = field == format::CellField::constant ? sorted.chunk.points[i] : 0,
-                            .apex = static_cast<std::uint8_t>(sorted.chunk.splits[i]),
-                            .sign = sorted.signs[i]};
+                            .point = field == format::CellField::constant ? chunk.points[i] : 0,
+                            .apex = static_cast<std::uint8_t>(chunk.splits[i]),
+                            .sign = signs[i]};
       EXPECT_TRUE(put_polyhedron(cell, bytes));
     }
     return bytes;

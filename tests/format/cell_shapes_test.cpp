@@ -33,11 +33,30 @@ Tetrahedra tetrahedra_in(const CellChunk& cells) {
   return tetrahedra;
 }
 
+// Packs cells whose corners come in any order.
+PackedCells packed_of(CellChunk cells) {
+  std::vector<Permutation> permutations;
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    permutations.push_back(permutation_of(cells.corners_at(i)));
+    std::ranges::sort(std::span(cells.corners).subspan(cells.begin_of(i), cells.corners_at(i).size()));
+  }
+  return pack_cells(cells, number_corners(cells.corners).ranks.size(), permutations);
+}
+
 TEST(CellShapes, HaveAsManyOrdersAsThereAreWaysToNumberThem) {
   EXPECT_EQ(orders_of(CellShape::tetrahedron).size(), 1u);
   EXPECT_EQ(orders_of(CellShape::pyramid).size(), 120u / 8);
   EXPECT_EQ(orders_of(CellShape::wedge).size(), 720u / 12);
   EXPECT_EQ(orders_of(CellShape::hexahedron).size(), 40320u / 48);
+}
+
+TEST(CellShapes, PermutationsAreNumberedInOrder) {
+  for (const CellShape shape : all_shapes) {
+    const auto permutations = permutations_of(shape);
+    EXPECT_TRUE(std::ranges::is_sorted(permutations));
+    for (std::size_t p = 0; p < permutations.size(); ++p)
+      ASSERT_EQ(permutation_of(std::span(permutations[p]).first(corners_of(shape))), p);
+  }
 }
 
 // The apex of a convex cell is in no tetrahedron's opposite face, and each tetrahedron has four corners.
@@ -73,12 +92,12 @@ TEST(CellShapes, ComeBackWithTheSameTetrahedra) {
       do cells.splits.push_back(static_cast<CellSplit>(random() % split_end(shape)));
       while (!is_split(shape, cells.splits.back()) && (cells.splits.pop_back(), true));
     }
-    const PackedCells packed = pack_cells(cells, number_corners(cells.corners).ranks.size());
+    const PackedCells packed = packed_of(cells);
     const CellChunk back = value_of(unpack_cells(packed.entry, packed.bytes, first + 2000000, 0, "cells"));
     EXPECT_EQ(back.size(), cells.size());
     EXPECT_EQ(tetrahedra_in(back), tetrahedra_in(cells)) << corners_of(shape);
     // What has come back is packed into the same bytes.
-    EXPECT_EQ(pack_cells(back, packed.entry.points).bytes, packed.bytes);
+    EXPECT_EQ(packed_of(back).bytes, packed.bytes);
   }
 }
 
@@ -106,8 +125,6 @@ CellChunk random_polyhedra(CellField field, std::size_t count, std::uint32_t see
   return cells;
 }
 
-PackedCells packed_of(const CellChunk& cells) { return pack_cells(cells, number_corners(cells.corners).ranks.size()); }
-
 constexpr std::uint64_t many = 2'000'000;  // points, and vertices
 
 TEST(Polyhedra, ComeBackWithTheSameTetrahedra) {
@@ -129,22 +146,6 @@ TEST(Polyhedra, ComeBackWithTheSameTetrahedra) {
     }
 }
 
-TEST(Polyhedra, AreTheSameInAnyParts) {
-  const CellChunk cells = random_polyhedra(CellField::constant, 50, 4);
-  CellChunk others{cells.shape, cells.field, {}, {}, {}};
-  others.append(cells, 0, 20);
-  EXPECT_EQ(others.size(), 20u);
-  others.append(cells, 20, 20);
-  others.append(cells, 20, 50);
-  EXPECT_EQ(packed_of(others).bytes, packed_of(cells).bytes);
-  others.clear();
-  others.append(cells, 30, 50);
-  for (std::size_t cell = 0; cell < 20; ++cell) {
-    EXPECT_TRUE(std::ranges::equal(others.corners_at(cell), cells.corners_at(cell + 30)));
-    EXPECT_TRUE(std::ranges::equal(others.triangles_at(cell), cells.triangles_at(cell + 30)));
-  }
-}
-
 // As many corners as a chunk may have, and one more.
 TEST(Polyhedra, OfAChunkHaveABoundOfCorners) {
   CellChunk cells{CellShape::polyhedron, CellField::corners, {}, {}, {}};
@@ -159,7 +160,7 @@ TEST(Polyhedra, OfAChunkHaveABoundOfCorners) {
   const PackedCells most = packed_of(cells);
   EXPECT_EQ(value_of(unpack_cells(most.entry, most.bytes, many, 0, "cells")).corners, cells.corners);
   const CellChunk again = cells;
-  cells.append(again, again.size() - 1, again.size());
+  append_cells(cells, again, again.size() - 1, again.size());
   const PackedCells more = packed_of(cells);
   EXPECT_NE(message_of(unpack_cells(more.entry, more.bytes, many, 0, "cells")), "");
 }

@@ -809,8 +809,8 @@ TEST_F(DamagedPolyhedra, AreInOrder) {
   volume.cells->chunk_cells = 1;
   CellChunk& cells = volume.cells->polyhedra;
   const CellChunk given = cells;
-  cells.clear();
-  for (std::size_t cell = given.size(); cell-- > 0;) cells.append(given, cell, cell + 1);
+  cells = {given.shape, given.field, {}, {}, {}};
+  for (std::size_t cell = given.size(); cell-- > 0;) append_cells(cells, given, cell, cell + 1);
   EXPECT_THAT(message_of(test_volume_bytes(volume)), HasSubstr("cells are out of order [R24]"));
 }
 

@@ -82,7 +82,7 @@ class SectionOfCells {
     for (const CellChunk& cells : {tetrahedra, cells_.polyhedra})
       for (std::size_t first = 0; first < cells.size(); first += cells_.chunk_cells) {
         CellChunk chunk{cells.shape, cells.field, {}, {}, {}};
-        chunk.append(cells, first, std::min(first + cells_.chunk_cells, cells.size()));
+        append_cells(chunk, cells, first, std::min(first + cells_.chunk_cells, cells.size()));
         SPLATVOL_TRY(add_chunk(chunk));
       }
     if (!page_.entries.empty()) close_page();
@@ -158,6 +158,22 @@ class SectionOfCells {
 };
 
 }  // namespace
+
+void append_cells(CellChunk& cells, const CellChunk& others, std::size_t begin, std::size_t end) {
+  const auto add = [](auto& to, const auto& from, std::size_t first, std::size_t last) {
+    if (from.empty()) return;
+    const auto at = [&](std::size_t i) { return from.begin() + static_cast<std::ptrdiff_t>(i); };
+    to.insert(to.end(), at(first), at(last));
+  };
+  const std::size_t had = cells.corners.size(), first = others.begin_of(begin), last = others.begin_of(end);
+  add(cells.corners, others.corners, first, last);
+  add(cells.splits, others.splits, begin, end);
+  add(cells.points, others.points, begin, end);
+  if (cells.shape != CellShape::polyhedron) return;
+  for (std::size_t cell = begin; cell < end; ++cell)
+    cells.ends.push_back(static_cast<std::uint32_t>(had + others.ends[cell] - first));
+  add(cells.triangles, others.triangles, 2 * first - 4 * begin, 2 * last - 4 * end);
+}
 
 PackedCells repacked(PackedCells cells, const Bytes& payload, std::uint32_t count) {
   cells.bytes = pack(payload);

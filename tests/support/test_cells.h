@@ -25,6 +25,9 @@ struct TestCells {
   std::uint64_t turned = 0;      // as the section states
 };
 
+/// Adds cells of the same shape and field: those of `others` from `begin` to `end`.
+void append_cells(format::CellChunk& cells, const format::CellChunk& others, std::size_t begin, std::size_t end);
+
 /// Returns a chunk with another payload, and a count of cells to go with it. Its hash is right.
 [[nodiscard]] format::PackedCells repacked(format::PackedCells cells, const format::Bytes& payload,
                                            std::uint32_t count);
