@@ -495,7 +495,7 @@ std::array<SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments*
       axes.set(l, 1 / scales[l] * s);
     }
   }
-  diagonalize(axes);
+  if (std::ranges::any_of(scales, [](double scale) { return scale != 0; })) diagonalize(axes);
   for (std::size_t l = 0; l < moments.size(); ++l) {
     if (scales[l] == 0) continue;
     const std::array<double, 3> values = axes.values(l);
