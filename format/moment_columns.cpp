@@ -151,14 +151,19 @@ struct ShapeLanes {
 
   // Takes the first four, within the bounds of a file. If there are fewer, repeats the last.
   ShapeLanes(std::span<const SplatShape> shapes, double edge) {
-    for (std::size_t l = 0; l < lanes; ++l) {
-      const SplatShape& shape = shapes[std::min(l, shapes.size() - 1)];
-      x[l] = shape.orientation.x, y[l] = shape.orientation.y, z[l] = shape.orientation.z, w[l] = shape.orientation.w;
-      for (int k = 0; k < 3; ++k) deviations[k][l] = shape.deviations[k];
-      mass[l] = shape.mass;
-    }
-    for (Lanes& of_axis : deviations) of_axis = at_most(edge, of_axis);
-    mass = at_most(largest_mass_of(edge), mass);
+    const std::size_t last = shapes.size() - 1;
+    const SplatShape &a = shapes[0], &b = shapes[std::min<std::size_t>(1, last)],
+                     &c = shapes[std::min<std::size_t>(2, last)], &d = shapes[std::min<std::size_t>(3, last)];
+    const auto gather = [&](const auto& number_of) {
+      return Lanes{number_of(a), number_of(b), number_of(c), number_of(d)};
+    };
+    x = gather([](const SplatShape& shape) { return shape.orientation.x; });
+    y = gather([](const SplatShape& shape) { return shape.orientation.y; });
+    z = gather([](const SplatShape& shape) { return shape.orientation.z; });
+    w = gather([](const SplatShape& shape) { return shape.orientation.w; });
+    for (int k = 0; k < 3; ++k)
+      deviations[k] = at_most(edge, gather([k](const SplatShape& shape) { return shape.deviations[k]; }));
+    mass = at_most(largest_mass_of(edge), gather([](const SplatShape& shape) { return shape.mass; }));
   }
 };
 

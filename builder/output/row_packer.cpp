@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <iterator>
 #include <limits>
 #include <span>
 #include <utility>
+
+#include "base/selection.h"
 
 namespace splatvol {
 namespace {
@@ -74,9 +77,9 @@ class RowPacker::ChunkPacker {
         smallest_mean = std::min<double>(smallest_mean, std::abs(value.mean));
     }
     if (deviations.empty()) return 0;
-    const auto median = deviations.begin() + static_cast<std::ptrdiff_t>(deviations.size() / 2);
-    std::ranges::nth_element(deviations, median);
-    return std::min(step_per_median_deviation * double{*median}, step_per_mean * smallest_mean);
+    const std::size_t middle = deviations.size() / 2;
+    select_nth(std::span(deviations), middle, std::less());
+    return std::min(step_per_median_deviation * double{deviations[middle]}, step_per_mean * smallest_mean);
   }
 
   double position_error() const { return packer_.exact_.positions ? 0 : splats_.points.least_error; }
