@@ -188,12 +188,11 @@ struct Streamed {
   }
 
   void add(const PointBatch& batch, ReducedBatch& reduced, Cascade& cascade) {
-    std::vector<StoredSplat>& finest = levels[0].splats;
-    finest.resize(batch.first + batch.size());
+    levels[0].splats.resize(batch.first + batch.size());
     const SplatColumns::Splats& columns = reduced.tail.splats;
     for (std::size_t k = 0; k < reduced.tail.size(); ++k) {
       const auto i = static_cast<std::size_t>(reduced.tail.point_values[0].values[k]);
-      finest[i] = {columns.centroids[k], 0, columns.shapes[k], columns.depths[k], columns.counts[k]};
+      levels[0].splats[i] = {columns.centroids[k], 0, columns.shapes[k], columns.depths[k], columns.counts[k]};
       ends[i].push_back(0);
     }
     std::size_t m = 0;
@@ -202,7 +201,7 @@ struct Streamed {
         if (batch.leaf_parts[p].continued) {
           cascade.add_to_last(reduced.members[m]);
         } else {
-          finest[number(reduced.members[m])] = reduced.members[m].splat(0);
+          levels[0].splats[number(reduced.members[m])] = reduced.members[m].splat(0);
           cascade.push(reduced.members[m]);
         }
       }
