@@ -170,6 +170,7 @@ SortedRecords PointStream::take(std::size_t count) {
 // Returns the records of the next key; none at the end. A run that is too long comes in parts, which begin at the same
 // points wherever the reads end.
 Result<SortedRecords> PointStream::next_run() {
+  if (sorted_.keys.size() > 1 && sorted_.keys[0] != sorted_.keys[1]) return take(1);  // most have one record
   const std::size_t longest = longest_run(layout_.has_material());
   run_.clear();
   run_keys_.clear();
