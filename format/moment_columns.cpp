@@ -141,19 +141,29 @@ glm::dquat orientation_of(std::uint64_t code, int bits) {
   return glm::dquat(w, x, y, z) * (1 / std::sqrt(std::max(1.0, squares)));
 }
 
+// The largest mass in a file (spec 8): 2^64 cubes of the edge.
+double largest_mass_of(double edge) { return 0x1p64 * edge * edge * edge; }
+
 // Shapes, one vector for each of their numbers.
 struct ShapeLanes {
   Lanes x, y, z, w;  // orientations
   Lanes deviations[3], mass;
 
-  // Takes the first four. If there are fewer, repeats the last.
-  explicit ShapeLanes(std::span<const SplatShape> shapes) {
-    for (std::size_t l = 0; l < lanes; ++l) {
-      const SplatShape& shape = shapes[std::min(l, shapes.size() - 1)];
-      x[l] = shape.orientation.x, y[l] = shape.orientation.y, z[l] = shape.orientation.z, w[l] = shape.orientation.w;
-      for (int k = 0; k < 3; ++k) deviations[k][l] = shape.deviations[k];
-      mass[l] = shape.mass;
-    }
+  // Takes the first four, within the bounds of a file. If there are fewer, repeats the last.
+  ShapeLanes(std::span<const SplatShape> shapes, double edge) {
+    const std::size_t last = shapes.size() - 1;
+    const SplatShape &a = shapes[0], &b = shapes[std::min<std::size_t>(1, last)],
+                     &c = shapes[std::min<std::size_t>(2, last)], &d = shapes[std::min<std::size_t>(3, last)];
+    const auto gather = [&](const auto& number_of) {
+      return Lanes{number_of(a), number_of(b), number_of(c), number_of(d)};
+    };
+    x = gather([](const SplatShape& shape) { return shape.orientation.x; });
+    y = gather([](const SplatShape& shape) { return shape.orientation.y; });
+    z = gather([](const SplatShape& shape) { return shape.orientation.z; });
+    w = gather([](const SplatShape& shape) { return shape.orientation.w; });
+    for (int k = 0; k < 3; ++k)
+      deviations[k] = at_most(edge, gather([k](const SplatShape& shape) { return shape.deviations[k]; }));
+    mass = at_most(largest_mass_of(edge), gather([](const SplatShape& shape) { return shape.mass; }));
   }
 };
 
@@ -194,9 +204,8 @@ bool encode_orientations(const ShapeLanes& shapes, int bits, LaneBits& codes) {
 constexpr double boundary_scale = 128;
 constexpr int largest_boundary_code = 511;
 
-// Bounds of a file (spec 8). Codes move the foot of a boundary by less than the rest of the edge.
-constexpr double largest_foot = 0.95;    // edges, from the centroid, of a writer
-constexpr double largest_mass = 0x1p64;  // cubes of the edge
+// Codes move the foot of a boundary by less than the rest of the edge.
+constexpr double largest_foot = 0.95;  // edges, from the centroid, of a writer
 constexpr double densities_per_octave = 32;
 constexpr int density_one = 128;
 
@@ -218,11 +227,11 @@ std::array<double, 256> make_densities() {
 }
 
 // Encodes orientations with the fewest bytes each that keep all of them within the tolerance. Returns the bytes.
-int encode_all_orientations(std::span<const SplatShape> shapes, std::span<std::uint64_t> orientations) {
+int encode_all_orientations(std::span<const SplatShape> shapes, double edge, std::span<std::uint64_t> orientations) {
   int width = min_orientation_width;
   for (std::size_t i = 0; i < shapes.size();) {
     LaneBits codes;
-    const bool enough = encode_orientations(ShapeLanes(shapes.subspan(i)), bits_of_component(width), codes) ||
+    const bool enough = encode_orientations(ShapeLanes(shapes.subspan(i), edge), bits_of_component(width), codes) ||
                         width == max_orientation_width;
     for (std::size_t l = 0; l < lanes && i + l < shapes.size(); ++l) orientations[i + l] = codes[l];
     i = enough ? i + lanes : 0;
@@ -233,11 +242,11 @@ int encode_all_orientations(std::span<const SplatShape> shapes, std::span<std::u
 
 // Encodes masses and deviations. The mass is stored as a multiple of the product of the deviations, which varies little
 // among splats of one form.
-PlanesOf<std::uint16_t, 4> encode_sizes(std::span<const SplatShape> shapes, const MomentsHeader& header) {
+PlanesOf<std::uint16_t, 4> encode_sizes(std::span<const SplatShape> shapes, double edge, const MomentsHeader& header) {
   PlanesOf<std::uint16_t, 4> sizes(shapes.size());  // mass, deviations
   const LogEncoder mass_code(header.mass_scale), deviation_code(header.deviation_scale);
   for (std::size_t i = 0; i < shapes.size(); i += lanes) {
-    const ShapeLanes numbers(shapes.subspan(i));
+    const ShapeLanes numbers(shapes.subspan(i), edge);
     const LaneBits codes[3] = {deviation_code(numbers.deviations[0]), deviation_code(numbers.deviations[1]),
                                deviation_code(numbers.deviations[2])};
     const LaneBits mass = mass_code(numbers.mass) - codes[0] - codes[1] - codes[2];
@@ -249,13 +258,10 @@ PlanesOf<std::uint16_t, 4> encode_sizes(std::span<const SplatShape> shapes, cons
   return sizes;
 }
 
-// Returns the shape within the bounds of a file.
-SplatShape within(SplatShape shape, double edge) {
-  shape.mass = std::min(shape.mass, largest_mass * edge * edge * edge);
-  shape.deviations = glm::min(shape.deviations, dvec3(edge));
-  const double foot = glm::length(shape.deviations * (shape.boundary / edge));
-  if (foot > largest_foot) shape.boundary *= largest_foot / foot;
-  return shape;
+// Returns the boundary of a shape within the bounds of a file.
+dvec3 boundary_within(const SplatShape& shape, double edge) {
+  const double foot = glm::length(glm::min(shape.deviations, dvec3(edge)) * (shape.boundary / edge));
+  return foot > largest_foot ? shape.boundary * (largest_foot / foot) : shape.boundary;
 }
 
 // The feet of boundaries, in deviations along the principal axes.
@@ -306,7 +312,7 @@ Status check_shapes(const MomentCodes& codes, double edge, std::string_view what
   const int farthest = farthest_of(codes);
   if (farthest > largest_boundary_code)
     return fail(ErrorCode::invalid_data, "{}: a boundary is out of range [R17]", what);
-  if (codes.deviation_scale > edge || codes.mass_scale > largest_mass * edge * edge * edge)
+  if (codes.deviation_scale > edge || codes.mass_scale > largest_mass_of(edge))
     return fail(ErrorCode::invalid_data, "{}: material larger than the cube [R17]", what);
   if (!are_near(codes, farthest, edge))
     return fail(ErrorCode::invalid_data, "{}: a boundary is farther away than an edge of the cube [R17]", what);
@@ -315,23 +321,25 @@ Status check_shapes(const MomentCodes& codes, double edge, std::string_view what
 
 }  // namespace
 
-PackedChunk pack_moments(std::span<const SplatShape> all_shapes, double edge) {
-  std::vector<SplatShape> shapes(all_shapes.begin(), all_shapes.end());
-  for (SplatShape& shape : shapes) shape = within(shape, edge);
+PackedChunk pack_moments(std::span<const SplatShape> shapes, double edge) {
   MomentsHeader header{};
   for (const SplatShape& shape : shapes) {
     header.mass_scale = std::max(header.mass_scale, shape.mass);
     header.deviation_scale = std::max(header.deviation_scale, shape.deviations[0]);
   }
+  header.mass_scale = std::min(header.mass_scale, largest_mass_of(edge));
+  header.deviation_scale = std::min(header.deviation_scale, edge);
   std::vector<std::uint64_t> orientations(shapes.size());
-  const int width = encode_all_orientations(shapes, orientations);
+  const int width = encode_all_orientations(shapes, edge, orientations);
   header.orientation_width = static_cast<std::uint8_t>(width);
-  PlanesOf<std::uint16_t, 4> sizes = encode_sizes(shapes, header);
+  PlanesOf<std::uint16_t, 4> sizes = encode_sizes(shapes, edge, header);
   PlanesOf<std::int16_t, 3> boundaries(shapes.size());
   PlanesOf<std::uint8_t, 1> densities(shapes.size());
   for (std::size_t i = 0; i < shapes.size(); ++i) {
-    if (shapes[i].boundary != dvec3(0))
-      for (int k = 0; k < 3; ++k) boundaries[k][i] = boundary_code(shapes[i].boundary[k]);
+    if (shapes[i].boundary != dvec3(0)) {
+      const dvec3 boundary = boundary_within(shapes[i], edge);
+      for (int k = 0; k < 3; ++k) boundaries[k][i] = boundary_code(boundary[k]);
+    }
     densities[0][i] = density_code(shapes[i].density);
   }
 

@@ -8,6 +8,7 @@
 
 #include "format/codes.h"
 #include "format/payload.h"
+#include "format/stored_value.h"
 
 namespace splatvol::format {
 namespace {
@@ -32,11 +33,11 @@ class ValueDeviations {
  public:
   static constexpr unsigned largest_code = 65535;
 
-  explicit ValueDeviations(double scale) : scale_(scale), shares_(scaled(scale)) {}
+  explicit ValueDeviations(double scale) : log_scale_(std::log2(scale)), shares_(scaled(scale)) {}
 
   [[nodiscard]] unsigned encode(double deviation) const {
     if (!(deviation > 0)) return 0;
-    const double octaves = std::log2(scale_) - std::log2(deviation);
+    const double octaves = log_scale_ - std::log2(deviation);
     return 1 + static_cast<unsigned>(
                    std::clamp<std::int64_t>(nearest_integer(codes_per_octave_of_value * octaves), 0, largest_code - 1));
   }
@@ -63,7 +64,7 @@ class ValueDeviations {
     return result;
   }
 
-  double scale_;
+  double log_scale_;
   Shares shares_;
 };
 
@@ -71,26 +72,54 @@ double step_of(const ValueMomentsHeader& header, double deviation) {
   return std::max(header.least_step, deviation / steps_per_deviation);
 }
 
+// Returns the length of the range of values; 0 if there is none. No deviation and no least step is larger.
+double length_of(float min, float max) { return min <= max ? double{max} - double{min} : 0; }
+
+// Values as they are encoded. Leaves out those of material without a value, and moves means into the range of a
+// summary: otherwise rounding could put a mean where a transfer function is not expected to show it. Bounds deviations
+// by the length of the range.
+template <class Value>
+class PresentValues {
+ public:
+  PresentValues(std::span<const Value> values, const ValueSummary& summary)
+      : values_(values), min_(summary.min), max_(summary.max), length_(length_of(summary.min, summary.max)) {}
+
+  [[nodiscard]] std::size_t size() const { return values_.size(); }
+  [[nodiscard]] bool has(std::size_t i) const { return values_[i].coverage > 0; }
+  [[nodiscard]] double mean(std::size_t i) const { return std::max(min_, std::min<double>(values_[i].mean, max_)); }
+  [[nodiscard]] double deviation(std::size_t i) const {
+    return has(i) ? std::min<double>(values_[i].deviation, length_) : 0;
+  }
+  [[nodiscard]] double correlation(std::size_t i, int axis) const { return has(i) ? values_[i].correlation[axis] : 0; }
+  [[nodiscard]] double coverage(std::size_t i) const { return has(i) ? values_[i].coverage : 0; }
+
+ private:
+  std::span<const Value> values_;
+  double min_, max_, length_;
+};
+
 // Encodes each mean as the number of steps from the mean before it, as a reader decodes that one. Returns false, and
 // then leaves anything in `codes`, if the means are too far from each other for their steps.
-bool encode_steps(std::span<const SplatValue> values, std::span<const double> deviations, ValueMomentsHeader& header,
+template <class Value>
+bool encode_steps(const PresentValues<Value>& values, std::span<const double> deviations, ValueMomentsHeader& header,
                   std::span<std::uint32_t> codes) {
-  const auto first = std::ranges::find_if(values, [](const SplatValue& value) { return value.coverage > 0; });
+  std::size_t i = 0;
+  while (i < values.size() && !values.has(i)) ++i;
   header.form = form_steps;
-  header.origin = first == values.end() ? 0 : first->mean;
+  header.origin = i == values.size() ? 0 : values.mean(i);
   double last = header.origin;
   std::uint32_t all_bits = 0;
-  for (std::size_t i = 0; i < values.size(); ++i) {
+  for (; i < values.size(); ++i) {
     codes[i] = 0;
-    if (!(values[i].coverage > 0)) continue;
-    const double rise = values[i].mean - last;
+    if (!values.has(i)) continue;
+    const double mean = values.mean(i), rise = mean - last;
     if (rise == 0) continue;
     const double step = step_of(header, deviations[i]);
     const double steps = rise / step;
     if (!(std::abs(steps) < most_steps)) return false;
     const std::int64_t number = nearest_integer(steps);
     last += step * static_cast<double>(number);
-    if (!(std::abs(values[i].mean - last) <= rounding_error * step)) return false;
+    if (!(std::abs(mean - last) <= rounding_error * step)) return false;
     codes[i] = static_cast<std::uint32_t>(zigzag(number));
     all_bits |= codes[i];
   }
@@ -99,12 +128,31 @@ bool encode_steps(std::span<const SplatValue> values, std::span<const double> de
 }
 
 // Encodes means in single precision, so that they come back as near as values do.
-void encode_exact(std::span<const SplatValue> values, ValueMomentsHeader& header, std::span<std::uint32_t> codes) {
+template <class Value>
+void encode_exact(const PresentValues<Value>& values, ValueMomentsHeader& header, std::span<std::uint32_t> codes) {
   header.form = form_exact;
   header.origin = 0;
   header.width = sizeof(float);
   for (std::size_t i = 0; i < values.size(); ++i)
-    codes[i] = values[i].coverage > 0 ? std::bit_cast<std::uint32_t>(static_cast<float>(values[i].mean)) : 0;
+    codes[i] = values.has(i) ? std::bit_cast<std::uint32_t>(static_cast<float>(values.mean(i))) : 0;
+}
+
+// Encodes deviations. Fills `decoded` with the deviations as they come back.
+template <class Value>
+std::vector<std::uint16_t> encode_deviations(const PresentValues<Value>& values, ValueMomentsHeader& header,
+                                             std::span<double> decoded) {
+  for (std::size_t i = 0; i < values.size(); ++i)
+    header.deviation_scale = std::max(header.deviation_scale, values.deviation(i));
+  const ValueDeviations deviation(header.deviation_scale);
+  std::vector<std::uint16_t> codes(values.size());
+  unsigned largest = 0;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    codes[i] = static_cast<std::uint16_t>(deviation.encode(values.deviation(i)));
+    decoded[i] = deviation(codes[i]);
+    largest = std::max<unsigned>(largest, codes[i]);
+  }
+  header.deviation_width = largest > 255 ? 2 : largest > 0 ? 1 : 0;
+  return codes;
 }
 
 std::int8_t signed_code(double number) { return static_cast<std::int8_t>(nearest_integer(127 * number)); }
@@ -114,38 +162,6 @@ std::int8_t correlation_code(double number) {
 }
 
 std::uint8_t share_code(double number) { return static_cast<std::uint8_t>(nearest_integer(255 * number)); }
-
-// Returns the length of the range of values; 0 if there is none. No deviation and no least step is larger.
-double length_of(float min, float max) { return min <= max ? double{max} - double{min} : 0; }
-
-// Leaves out the values of material without a value, and moves means into the range of `summary`: otherwise rounding
-// could put a mean where a transfer function is not expected to show it. Bounds deviations by the length of the range.
-std::vector<SplatValue> within(const ValueSummary& summary, std::span<const SplatValue> values) {
-  std::vector<SplatValue> present(values.begin(), values.end());
-  for (SplatValue& value : present) {
-    if (!(value.coverage > 0)) value = {};
-    if (!(value.coverage > 0)) continue;
-    value.mean = std::max(double{summary.min}, std::min(value.mean, double{summary.max}));
-    value.deviation = std::min(value.deviation, length_of(summary.min, summary.max));
-  }
-  return present;
-}
-
-// Encodes deviations. Fills `decoded` with the deviations as they come back.
-std::vector<std::uint16_t> encode_deviations(std::span<const SplatValue> values, ValueMomentsHeader& header,
-                                             std::span<double> decoded) {
-  for (const SplatValue& value : values) header.deviation_scale = std::max(header.deviation_scale, value.deviation);
-  const ValueDeviations deviation(header.deviation_scale);
-  std::vector<std::uint16_t> codes(values.size());
-  unsigned largest = 0;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    codes[i] = static_cast<std::uint16_t>(deviation.encode(values[i].deviation));
-    decoded[i] = deviation(codes[i]);
-    largest = std::max<unsigned>(largest, codes[i]);
-  }
-  header.deviation_width = largest > 255 ? 2 : largest > 0 ? 1 : 0;
-  return codes;
-}
 
 bool is_valid(const ValueMomentsHeader& header, const ChunkEntry& entry, std::size_t payload_bytes,
               std::size_t points) {
@@ -192,22 +208,19 @@ bool are_correlations(const ValueMomentCodes& codes) {
   return largest <= static_cast<int>(correlation_scale);
 }
 
-}  // namespace
-
-PackedChunk pack_value_moments(std::span<const SplatValue> values, double least_step, const ValueSummary& summary) {
-  const std::vector<SplatValue> present = within(summary, values);
+template <class Value>
+PackedChunk pack(const PresentValues<Value>& values, double least_step, const ValueSummary& summary) {
   ValueMomentsHeader header{};
   header.least_step = std::min(least_step, length_of(summary.min, summary.max));
-  std::vector<double> decoded(present.size());
-  const std::vector<std::uint16_t> deviations = encode_deviations(present, header, decoded);
-  std::vector<std::uint32_t> means(present.size());
-  if (!encode_steps(present, decoded, header, means)) encode_exact(present, header, means);
-  PlanesOf<std::int8_t, 3> correlations(present.size());
-  PlanesOf<std::uint8_t, 1> coverages(present.size());
-  for (std::size_t i = 0; i < present.size(); ++i) {
-    const SplatValue& value = present[i];
-    for (int k = 0; k < 3; ++k) correlations[k][i] = correlation_code(value.correlation[k]);
-    coverages[0][i] = std::max(share_code(value.coverage), static_cast<std::uint8_t>(value.coverage > 0));
+  std::vector<double> decoded(values.size());
+  const std::vector<std::uint16_t> deviations = encode_deviations(values, header, decoded);
+  std::vector<std::uint32_t> means(values.size());
+  if (!encode_steps(values, decoded, header, means)) encode_exact(values, header, means);
+  PlanesOf<std::int8_t, 3> correlations(values.size());
+  PlanesOf<std::uint8_t, 1> coverages(values.size());
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    for (int k = 0; k < 3; ++k) correlations[k][i] = correlation_code(values.correlation(i, k));
+    coverages[0][i] = std::max(share_code(values.coverage(i)), static_cast<std::uint8_t>(values.has(i)));
   }
 
   Payload payload;
@@ -218,6 +231,16 @@ PackedChunk pack_value_moments(std::span<const SplatValue> values, double least_
   correlations.append_to(payload);
   coverages.append_to(payload);
   return pack_payload(payload, summary);
+}
+
+}  // namespace
+
+PackedChunk pack_value_moments(std::span<const SplatValue> values, double least_step, const ValueSummary& summary) {
+  return pack(PresentValues(values, summary), least_step, summary);
+}
+
+PackedChunk pack_value_moments(std::span<const StoredValue> values, double least_step, const ValueSummary& summary) {
+  return pack(PresentValues(values, summary), least_step, summary);
 }
 
 PackedChunk pack_gradients(std::span<const vec3> directions) {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <numeric>
-#include <tuple>
 #include <utility>
 
 #include "builder/output/byte_streams.h"
@@ -17,12 +16,6 @@ namespace {
 
 // Messages of about this size keep the sender's memory small, and the receiver busy.
 constexpr std::size_t message_bytes = std::size_t{1} << 18;
-
-template <class M>
-auto members_of(M& member) {
-  return std::tie(member.key, member.leaf, member.point, member.moments, member.plane, member.values, member.gradients,
-                  member.splats, member.stored_values);
-}
 
 // Most leaves have points and splats at the finest resolutions only: those before stay at home.
 void put(ByteWriter& out, const IndexLeaf& leaf) {
@@ -124,9 +117,7 @@ Status RangeReduction::reduce(const NextPoints& next, std::uint64_t points, cons
       return stays_(level, plan_.points_before + point);
     };
   of_range.beyond = [this](const Member& member) {
-    ByteWriter out;
-    out.put_members(members_of(member));
-    if (kept_) kept_ = beyond_.append(out.bytes());
+    if (kept_) kept_ = beyond_.append(member.bytes());
   };
   range_ = std::make_unique<Part>(
       std::move(of_range), info_, options_.points_per_chunk, memory_.rows, folder_,
@@ -174,7 +165,7 @@ Status RangeReduction::join_rows(std::span<const std::byte> received, std::vecto
         begun, [&](const PendingRow& other) { return other.segment == first.segment && other.level == first.level; });
     if (row == begun.end() || row->splats->size() != first.absent)
       return fail(ErrorCode::invalid_argument, "ranks: a row across a border does not fit");
-    row->splats->append(*first.splats, 0, first.splats->size());
+    row->splats->append(*first.splats);
   }
   for (PendingRow& row : begun) {
     const bool complete = row.splats->size() == options_.points_per_chunk.of(row.segment);
@@ -216,12 +207,13 @@ Status RangeReduction::reduce_coarse_levels() {
 }
 
 Status RangeReduction::add_members(std::size_t rank, std::span<const std::byte> bytes) {
+  Members one(input_.attributes.size(), coarse_->settings.part.first + 1);
+  Member& member = one.add();
   for (ByteReader in(bytes); !in.at_end();) {
-    MemberPool::Handle member = coarse_->pass.new_member();
-    in.get_members(members_of(*member));
-    member->leaf += first_leaves_[rank];
-    member->splats[0].number += first_points_[rank];
-    coarse_->pass.add_coarse(std::move(member));
+    in.fill(member.bytes());
+    member.leaf += first_leaves_[rank];
+    member.number += first_points_[rank];
+    coarse_->pass.add_coarse(member);
   }
   std::vector<PendingRow> rows;
   SPLATVOL_TRY(coarse_->rows.extract_complete(rows));

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 namespace splatvol {
@@ -485,25 +486,27 @@ SpatialMoments VertexMaterial::find_values(const VertexBlock& block, std::size_t
 std::array<SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments) {
   std::array<SplatShape, shapes_at_once> shapes;
   std::array<double, shapes_at_once> scales{};  // 0: done
-  Decomposition axes;
+  std::optional<Decomposition> axes;            // most shapes of scattered points do without
   for (std::size_t l = 0; l < moments.size(); ++l) {
     const SymmetricMatrix& s = moments[l]->covariance;
     if (is_along_axes(*moments[l])) {
       shapes[l] = shape_along_axes(*moments[l]);
     } else {
       scales[l] = std::max({s.xx, s.yy, s.zz});
-      axes.set(l, 1 / scales[l] * s);
+      if (!axes) axes.emplace();
+      axes->set(l, 1 / scales[l] * s);
     }
   }
-  diagonalize(axes);
+  if (!axes) return shapes;
+  diagonalize(*axes);
   for (std::size_t l = 0; l < moments.size(); ++l) {
     if (scales[l] == 0) continue;
-    const std::array<double, 3> values = axes.values(l);
+    const std::array<double, 3> values = axes->values(l);
     const AxisOrder order = descending(values);
     shapes[l].mass = moments[l]->mass;
     for (int k = 0; k < 3; ++k)
       shapes[l].deviations[k] = std::sqrt(std::max(0.0, values[order[k]])) * std::sqrt(scales[l]);
-    shapes[l].orientation = orientation(axes.axis(l, order[0]), axes.axis(l, order[1]));
+    shapes[l].orientation = orientation(axes->axis(l, order[0]), axes->axis(l, order[1]));
   }
   return shapes;
 }

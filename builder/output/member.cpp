@@ -1,23 +1,63 @@
 #include "builder/output/member.h"
 
-#include "builder/output/prefetch.h"
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <memory>
 
 namespace splatvol {
 
-void Member::clear() {
-  moments = {};
-  plane = {};
-  for (MemberValue& value : values) value.moments = {};
-  splats.clear();
-  stored_values.clear();
+Member& Members::add() {
+  Member& member = *std::construct_at(reinterpret_cast<Member*>(add_block()));
+  member.attributes = static_cast<std::uint32_t>(attributes_);
+  member.levels = static_cast<std::uint32_t>(levels_);
+  std::ranges::uninitialized_value_construct(member.values());
+  return member;
 }
 
-void Member::prefetch() const { prefetch_lines(this, sizeof(Member)); }
+Member& Members::add(const Member& other) {
+  const std::span<const std::byte> bytes = other.bytes();
+  Member& member = *reinterpret_cast<Member*>(std::ranges::copy(bytes, add_block()).out - bytes.size());
+  member.levels = static_cast<std::uint32_t>(levels_);
+  return member;
+}
 
-void Member::prefetch_vectors() const {
-  prefetch_lines(values.data(), values.size() * sizeof(MemberValue));
-  prefetch_lines(splats.data(), (splats.size() + 1) * sizeof(StoredSplat));
-  prefetch_lines(stored_values.data(), (stored_values.size() + values.size()) * sizeof(StoredValue));
+void Members::add_splats(std::size_t first, std::span<const format::Attribute> attributes) {
+  const std::size_t level = levels_ - 1;
+  for (; first < size_; first += shapes_at_once) {
+    const std::size_t count = std::min(size_ - first, shapes_at_once);
+    std::array<const SpatialMoments*, shapes_at_once> moments{};
+    for (std::size_t m = 0; m < count; ++m) moments[m] = &(*this)[first + m].moments;
+    const auto shapes = shapes_of(std::span(moments).first(count));
+    for (std::size_t m = 0; m < count; ++m) {
+      Member& member = (*this)[first + m];
+      std::construct_at(&member.splat(level), MadeBy{[&] {
+        return make_stored_splat(member.point.position, member.point.error, member.moments, shapes[m], member.plane);
+      }});
+      for (std::size_t a = 0; a < attributes.size(); ++a)
+        std::construct_at(&member.stored_values(level)[a], MadeBy{[&] {
+          return make_stored_value(member.values()[a].moments, shapes[m], attributes[a]);
+        }});
+    }
+  }
+}
+
+void Members::erase_front(std::size_t count) {
+  size_ -= count;
+  std::memmove(data_.get(), data_.get() + count * bytes_, size_ * bytes_);
+}
+
+void Members::reserve(std::size_t count) {
+  if (count <= capacity_) return;
+  auto grown = std::make_unique_for_overwrite<std::byte[]>(count * bytes_);
+  std::copy_n(data_.get(), size_ * bytes_, grown.get());
+  data_ = std::move(grown);
+  capacity_ = count;
+}
+
+std::byte* Members::add_block() {
+  if (size_ == capacity_) reserve(std::max<std::size_t>(2 * capacity_, 8));
+  return data_.get() + bytes_ * size_++;
 }
 
 }  // namespace splatvol

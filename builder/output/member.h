@@ -1,8 +1,11 @@
 // A point on its way through the resolutions.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
-#include <vector>
+#include <memory>
+#include <span>
+#include <type_traits>
 
 #include "builder/mesh/boundary.h"
 #include "builder/mesh/moments.h"
@@ -17,31 +20,89 @@ inline constexpr std::size_t max_levels = 64;
 
 struct MemberValue {
   float value = 0;       // of the point, as the file stores it
+  vec3 gradient{0};      // unit vector, or 0
   ValueMoments moments;  // of the cluster
 };
 
-/// A point that stays for a coarser level, with the material of its cluster there.
+/// A point that stays for a coarser level, with the material of its cluster there. One block of memory holds it: behind
+/// these members come a value for each attribute, then the splats of all levels up to the present one.
 struct Member {
   MortonKey key;
-  std::uint64_t leaf = 0;  // number of its index leaf
+  std::uint64_t leaf = 0;                    // number of its index leaf
+  std::uint64_t number = 0;                  // of the point, in Morton order
+  std::uint32_t attributes = 0, levels = 0;  // values; splats that have room
   PointPosition point;
   SpatialMoments moments;  // about the point
   BoundaryPlane plane;
-  std::vector<MemberValue> values;         // [attribute]
-  std::vector<vec3> gradients;             // [attribute]: unit vector, or 0. Empty if not wanted
-  std::vector<StoredSplat> splats;         // [level], up to the present one
-  std::vector<StoredValue> stored_values;  // [level * attributes + attribute]
 
-  /// Removes material and splats, and keeps the number of attributes.
-  void clear();
+  /// Bytes of a block.
+  [[nodiscard]] static constexpr std::size_t bytes_of(std::size_t attributes, std::size_t levels) {
+    return sizeof(Member) + attributes * sizeof(MemberValue) +
+           levels * (sizeof(StoredSplat) + attributes * sizeof(StoredValue));
+  }
+  [[nodiscard]] std::span<std::byte> bytes() { return {at<std::byte>(*this, 0), bytes_of(attributes, levels)}; }
+  [[nodiscard]] std::span<const std::byte> bytes() const {
+    return {at<const std::byte>(*this, 0), bytes_of(attributes, levels)};
+  }
 
-  /// Fetches the member into the cache: members are made on other processors, and come in an order that no processor
-  /// foresees.
-  void prefetch() const;
+  [[nodiscard]] std::span<MemberValue> values() { return {at<MemberValue>(*this, sizeof(Member)), attributes}; }
+  [[nodiscard]] std::span<const MemberValue> values() const {
+    return {at<const MemberValue>(*this, sizeof(Member)), attributes};
+  }
+  [[nodiscard]] StoredSplat& splat(std::size_t level) { return *at<StoredSplat>(*this, bytes_of(attributes, level)); }
+  [[nodiscard]] const StoredSplat& splat(std::size_t level) const {
+    return *at<const StoredSplat>(*this, bytes_of(attributes, level));
+  }
 
-  /// Fetches the elements of the vectors, and the memory of the next ones. Of use once the member itself is in the
-  /// cache.
-  void prefetch_vectors() const;
+  /// The splat's values: [attribute].
+  [[nodiscard]] std::span<StoredValue> stored_values(std::size_t level) {
+    return {at<StoredValue>(*this, bytes_of(attributes, level) + sizeof(StoredSplat)), attributes};
+  }
+  [[nodiscard]] std::span<const StoredValue> stored_values(std::size_t level) const {
+    return {at<const StoredValue>(*this, bytes_of(attributes, level) + sizeof(StoredSplat)), attributes};
+  }
+
+ private:
+  template <class T, class M>
+  static T* at(M& member, std::size_t offset) {
+    using Byte = std::conditional_t<std::is_const_v<M>, const std::byte, std::byte>;
+    return reinterpret_cast<T*>(reinterpret_cast<Byte*>(&member) + offset);
+  }
+};
+
+/// Members with equally many levels, side by side in memory that is used again.
+class Members {
+ public:
+  Members(std::size_t attributes, std::size_t levels)
+      : attributes_(attributes), levels_(levels), bytes_(Member::bytes_of(attributes, levels)) {}
+
+  [[nodiscard]] std::size_t size() const { return size_; }
+  [[nodiscard]] bool empty() const { return size_ == 0; }
+  [[nodiscard]] Member& operator[](std::size_t m) { return *reinterpret_cast<Member*>(data_.get() + m * bytes_); }
+  [[nodiscard]] const Member& operator[](std::size_t m) const {
+    return *reinterpret_cast<const Member*>(data_.get() + m * bytes_);
+  }
+
+  /// Adds a member without material. Its splats have any value. References end here, as those of a vector.
+  Member& add();
+
+  /// Adds a copy. Further levels have any value. Requires that `other` has no more levels, and lies elsewhere.
+  Member& add(const Member& other);
+
+  /// Adds splats at the last level to the members from `first` on, made from their moments.
+  void add_splats(std::size_t first, std::span<const format::Attribute> attributes);
+
+  void erase_front(std::size_t count);
+  void clear() { size_ = 0; }
+  void reserve(std::size_t count);
+
+ private:
+  std::byte* add_block();
+
+  std::size_t attributes_, levels_;
+  std::size_t bytes_;  // of a member
+  std::size_t size_ = 0, capacity_ = 0;
+  std::unique_ptr<std::byte[]> data_;
 };
 
 }  // namespace splatvol

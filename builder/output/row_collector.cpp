@@ -1,7 +1,7 @@
 #include "builder/output/row_collector.h"
 
 #include <algorithm>
-#include <span>
+#include <iterator>
 #include <utility>
 
 namespace splatvol {
@@ -23,59 +23,58 @@ RowCollector::RowCollector(const format::VolumeInfo& info, GroupSizes points_per
       memory_(memory),
       folder_(std::move(folder)),
       shared_(std::move(shared)),
-      splat_bytes_(SplatColumns::bytes_of_splat(attributes_, has_gradients(info))) {}
+      gradients_(has_gradients(info)),
+      splat_bytes_(SplatColumns::bytes_of_splat(attributes_, gradients_)) {}
 
-std::vector<RowCollector::Queue>& RowCollector::queues(std::size_t segment) {
-  while (queues_.size() <= segment) {
-    const std::size_t added = queues_.size();
-    queues_.emplace_back(added + 1);
-    const std::uint64_t before = added < shared_.before.size() ? shared_.before[added] : 0;
-    const std::size_t absent = before % points_per_chunk_.of(added);
-    for (std::size_t level = 0; level <= added && absent > 0; ++level)
-      queues_[added][level].push_back({.segment = added,
-                                       .level = level,
-                                       .splats = std::make_unique<SplatColumns>(attributes_),
-                                       .packed = {},
-                                       .absent = absent});
-  }
-  return queues_[segment];
-}
-
-bool RowCollector::is_complete(const PendingRow& row) const {
-  return !row.splats || size_of(row) == points_per_chunk_.of(row.segment);
-}
-
-// The row that the next splat belongs to.
-PendingRow& RowCollector::open_row(std::size_t segment, std::size_t level) {
-  Queue& queue = queues(segment)[level];
-  if (queue.empty() || is_complete(queue.back())) {
+// The rows that the next point of a segment belongs to: [level].
+std::vector<PendingRow>& RowCollector::open_rows(std::size_t segment) {
+  if (open_.size() <= segment) open_.resize(segment + 1);
+  std::vector<PendingRow>& rows = open_[segment];
+  if (!rows.empty()) return rows;
+  const std::uint64_t before = segment < shared_.before.size() ? std::exchange(shared_.before[segment], 0) : 0;
+  for (std::size_t level = 0; level <= segment; ++level) {
     if (spare_.empty()) spare_.push_back(std::make_unique<SplatColumns>(attributes_));
-    queue.push_back({segment, level, std::move(spare_.back()), {}});
+    rows.push_back({.segment = segment,
+                    .level = level,
+                    .splats = std::move(spare_.back()),
+                    .packed = {},
+                    .absent = before % points_per_chunk_.of(segment)});
     spare_.pop_back();
   }
-  return queue.back();
+  return rows;
 }
 
-void RowCollector::add_finest(const SplatColumns& splats) {
-  for (std::size_t begin = 0; begin < splats.size();) {
-    PendingRow& row = open_row(0, 0);
-    const std::size_t end = std::min(splats.size(), begin + points_per_chunk_.of(0) - size_of(row));
-    row.splats->append(splats, begin, end);
-    begin = end;
-  }
+// Closes the rows of a segment if they are complete: they have equally many splats.
+void RowCollector::close_rows(std::size_t segment) {
+  const PendingRow& row = open_[segment].front();
+  if (row.absent + row.written_splats + row.splats->size() < points_per_chunk_.of(segment)) return;
+  std::ranges::move(open_[segment], std::back_inserter(complete_));
+  open_[segment].clear();
 }
 
-void RowCollector::add_packed_finest(PackedRow row) { queues(0)[0].push_back({0, 0, nullptr, std::move(row)}); }
+void RowCollector::add_finest(SplatColumns& splats) {
+  if (splats.size() == 0) return;
+  SplatColumns& row = *open_rows(0).front().splats;
+  if (row.size() == 0)
+    std::swap(row, splats);
+  else
+    row.append(splats);
+  close_rows(0);
+}
+
+void RowCollector::add_packed_finest(PackedRow row) { complete_.push_back({0, 0, nullptr, std::move(row)}); }
 
 void RowCollector::add_point(std::size_t segment, const Member& member) {
-  SplatColumns* own = nullptr;
-  for (std::size_t level = 0; level <= segment; ++level) {
-    own = open_row(segment, level).splats.get();
-    own->add_splat(member.splats[level], std::span(member.stored_values).subspan(level * attributes_, attributes_));
+  std::vector<PendingRow>& rows = open_rows(segment);
+  for (std::size_t level = 0; level <= segment; ++level)
+    rows[level].splats->add_splat(member.splat(level), member.stored_values(level));
+  SplatColumns& own = *rows.back().splats;
+  own.add_point(member.point);
+  for (std::size_t a = 0; a < attributes_; ++a) {
+    own.add_point_value(a, member.values()[a].value);
+    if (gradients_) own.add_gradient(a, member.values()[a].gradient);
   }
-  own->add_point(member.point);
-  for (std::size_t a = 0; a < attributes_; ++a) own->add_point_value(a, member.values[a].value);
-  for (std::size_t a = 0; a < member.gradients.size(); ++a) own->add_gradient(a, member.gradients[a]);
+  close_rows(segment);
 }
 
 void RowCollector::recycle(std::vector<PendingRow>& rows) {
@@ -87,32 +86,25 @@ void RowCollector::recycle(std::vector<PendingRow>& rows) {
   rows.clear();
 }
 
-Status RowCollector::extract(std::vector<PendingRow>& rows, bool at_end) {
+Status RowCollector::extract_complete(std::vector<PendingRow>& rows) {
   recycle(rows);
-  for (std::vector<Queue>& of_segment : queues_)
-    for (Queue& queue : of_segment)
-      while (!queue.empty() && (at_end || is_complete(queue.front()))) {
-        PendingRow& row = queue.front();
-        const bool shared = is_shared(row);
-        if (!at_end || shared) SPLATVOL_TRY(read_back(row));
-        (!shared ? rows : row.absent > 0 ? ends_.first : ends_.last).push_back(std::move(row));
-        queue.pop_front();
-      }
-  return at_end ? Status{} : write_out_open_rows();
+  for (PendingRow& row : complete_) {
+    SPLATVOL_TRY(read_back(row));
+    (row.absent > 0 ? ends_.first : rows).push_back(std::move(row));
+  }
+  complete_.clear();
+  return write_out_open_rows();
 }
 
 // Writes out the rows that are not complete, if together they take too much memory.
 Status RowCollector::write_out_open_rows() {
-  std::vector<PendingRow*> open;
   std::size_t splats = 0;
-  for (std::vector<Queue>& of_segment : queues_)
-    for (Queue& queue : of_segment) {
-      if (queue.empty() || is_complete(queue.back())) continue;
-      splats += queue.back().splats->size();
-      if (queue.back().splats->size() >= least_written_splats) open.push_back(&queue.back());
-    }
+  for (const std::vector<PendingRow>& rows : open_)
+    for (const PendingRow& row : rows) splats += row.splats->size();
   if (splats <= memory_ / 2 / splat_bytes_) return {};
-  for (PendingRow* row : open) SPLATVOL_TRY(write_out(*row));
+  for (std::vector<PendingRow>& rows : open_)
+    for (PendingRow& row : rows)
+      if (row.splats->size() >= least_written_splats) SPLATVOL_TRY(write_out(row));
   spare_.clear();
   return {};
 }
@@ -122,10 +114,11 @@ Status RowCollector::write_out(PendingRow& row) {
     SPLATVOL_TRY_ASSIGN(file, TempFile::create(folder_));
     spool_ = std::make_unique<TempFile>(std::move(file));
   }
-  const std::uint64_t offset = spool_->size();
-  SPLATVOL_TRY_ASSIGN(bytes, row.splats->write_to(*spool_));
+  format::Bytes bytes;
+  row.splats->put_into(bytes);
   row.spool = spool_.get();
-  row.written.push_back({offset, bytes});
+  row.written.push_back({spool_->size(), bytes.size(), format::hash_bytes(bytes)});
+  SPLATVOL_TRY(spool_->append(bytes));
   row.written_splats += row.splats->size();
   row.splats = std::make_unique<SplatColumns>(attributes_);
   return {};
@@ -139,10 +132,17 @@ Status RowCollector::read_back(PendingRow& row) {
 }
 
 Result<std::vector<PendingRow>> RowCollector::extract_rest() {
+  std::vector<PendingRow> rest;
+  SPLATVOL_TRY(extract_complete(rest));
   spare_.clear();
-  std::vector<PendingRow> rows;
-  SPLATVOL_TRY(extract(rows, true));
-  return rows;
+  for (std::vector<PendingRow>& rows : open_)
+    for (PendingRow& row : rows) {
+      const bool shared = row.absent > 0 || shared_.ends_inside;
+      if (shared) SPLATVOL_TRY(read_back(row));
+      (!shared ? rest : row.absent > 0 ? ends_.first : ends_.last).push_back(std::move(row));
+    }
+  open_.clear();
+  return rest;
 }
 
 }  // namespace splatvol

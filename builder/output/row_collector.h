@@ -3,7 +3,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <limits>
 #include <memory>
 #include <string>
@@ -25,8 +24,8 @@ struct SharedRows {
   bool ends_inside = false;           // more points follow behind the range
 };
 
-/// Collects points and splats into rows: a queue of rows for each segment at each level that draws it. Rows that are
-/// not complete are written out if they take too much memory.
+/// Collects points and splats into rows: an open row for each segment at each level that draws it. Open rows are
+/// written out if they take too much memory.
 class RowCollector {
  public:
   /// `info`: attributes and columns. `memory`: bytes of rows to hold; rows that are being packed come on top. `folder`:
@@ -37,8 +36,9 @@ class RowCollector {
   RowCollector(const RowCollector&) = delete;
   RowCollector& operator=(const RowCollector&) = delete;
 
-  /// Adds the next points of segment 0, with their splats at level 0.
-  void add_finest(const SplatColumns& splats);
+  /// Adds the next points of segment 0, with their splats at level 0, and leaves anything in `splats`. Requires that no
+  /// row ends between them.
+  void add_finest(SplatColumns& splats);
 
   /// Adds a whole row of segment 0 at level 0. Requires that all rows before it are whole.
   void add_packed_finest(PackedRow row);
@@ -48,7 +48,7 @@ class RowCollector {
 
   /// Replaces `rows`, which have been written, by the rows that are complete. Rows have to be written in this order. It
   /// is enough to call this now and then.
-  [[nodiscard]] Status extract_complete(std::vector<PendingRow>& rows) { return extract(rows, false); }
+  [[nodiscard]] Status extract_complete(std::vector<PendingRow>& rows);
 
   /// Extracts all rows that are left; this must outlive them. Called once, after the last point.
   [[nodiscard]] Result<std::vector<PendingRow>> extract_rest();
@@ -64,19 +64,9 @@ class RowCollector {
   [[nodiscard]] bool recycles() const { return spare_memory() >= row_bytes(); }
 
  private:
-  using Queue = std::deque<PendingRow>;  // only the last row may be smaller than the others
-
-  std::vector<Queue>& queues(std::size_t segment);
-  [[nodiscard]] static std::size_t size_of(const PendingRow& row) {
-    return row.absent + row.written_splats + row.splats->size();
-  }
-  [[nodiscard]] bool is_complete(const PendingRow& row) const;
-  PendingRow& open_row(std::size_t segment, std::size_t level);
+  std::vector<PendingRow>& open_rows(std::size_t segment);
+  void close_rows(std::size_t segment);
   void recycle(std::vector<PendingRow>& rows);
-  [[nodiscard]] bool is_shared(const PendingRow& row) const {
-    return row.absent > 0 || (shared_.ends_inside && !is_complete(row));
-  }
-  [[nodiscard]] Status extract(std::vector<PendingRow>& rows, bool at_end);
   [[nodiscard]] Status write_out_open_rows();
   [[nodiscard]] Status write_out(PendingRow& row);
   [[nodiscard]] Status read_back(PendingRow& row);
@@ -88,9 +78,11 @@ class RowCollector {
   std::size_t memory_;
   std::string folder_;
   SharedRows shared_;
+  bool gradients_;
   std::size_t splat_bytes_;
   std::unique_ptr<TempFile> spool_;                   // null until something is written out
-  std::vector<std::vector<Queue>> queues_;            // [segment][level]
+  std::vector<std::vector<PendingRow>> open_;         // [segment][level], or empty: all of a segment are equally full
+  std::vector<PendingRow> complete_;                  // in the order of each segment and level
   std::vector<std::unique_ptr<SplatColumns>> spare_;  // empty ones, whose memory the next rows use
   Ends ends_;
 };

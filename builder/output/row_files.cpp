@@ -32,22 +32,26 @@ Result<RowFiles::Stream*> RowFiles::open_stream(const PendingRow& row) {
       files_.push_back(std::move(file));
     }
     stream.file = &files_.back();
-    stream.entry_bytes = row.packed.entry_bytes;
+    stream.entry_bytes = row.packed.size() * sizeof(format::ChunkEntry);
   }
   return &stream;
 }
 
 Status RowFiles::write(const PendingRow& row) {
   SPLATVOL_TRY_ASSIGN(stream, open_stream(row));
-  std::span<const std::byte> bytes = row.packed.bytes;
-  const std::span<const std::byte> chunks = bytes.subspan(row.packed.entry_bytes);
-  if (row.segment == 0 && finest_) {
-    SPLATVOL_TRY(finest_->append(chunks));
-    bytes = bytes.first(row.packed.entry_bytes);
-  } else {
-    coarse_bytes_ += chunks.size();
+  const bool finest = row.segment == 0 && finest_;
+  const std::uint64_t begin = stream->file->size();
+  format::Bytes bytes;
+  for (const format::PackedChunk& chunk : row.packed) format::append_record(bytes, chunk.entry);
+  for (const format::PackedChunk& chunk : row.packed) {
+    if (finest) {
+      SPLATVOL_TRY(finest_->append(chunk.bytes));
+    } else {
+      bytes.insert(bytes.end(), chunk.bytes.begin(), chunk.bytes.end());
+      coarse_bytes_ += chunk.bytes.size();
+    }
   }
-  stream->rows.push_back({stream->file->size(), bytes.size()});
+  stream->rows.push_back({begin, bytes.size()});
   return stream->file->append(bytes);
 }
 

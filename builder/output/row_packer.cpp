@@ -2,16 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <iterator>
 #include <limits>
 #include <span>
 #include <utility>
 
+#include "base/selection.h"
+
 namespace splatvol {
 namespace {
-
-using format::Bytes;
-using format::PackedChunk;
 
 // A value may move by this share of the smallest deviation of its chunk's splats. Positions may move by less of theirs:
 // values have more noise.
@@ -23,18 +23,6 @@ constexpr double step_per_median_deviation = 0x1p-12;
 constexpr double step_per_mean = 0x1p-16;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-
-PackedRow serialize(std::span<const PackedChunk> chunks) {
-  PackedRow row;
-  row.entry_bytes = chunks.size() * sizeof(format::ChunkEntry);
-  std::size_t size = row.entry_bytes;
-  for (const PackedChunk& chunk : chunks) size += chunk.bytes.size();
-  Bytes& bytes = row.bytes;
-  bytes.reserve(size);
-  for (const PackedChunk& chunk : chunks) format::append_record(bytes, chunk.entry);
-  for (const PackedChunk& chunk : chunks) bytes.insert(bytes.end(), chunk.bytes.begin(), chunk.bytes.end());
-  return row;
-}
 
 }  // namespace
 
@@ -53,7 +41,7 @@ class RowPacker::ChunkPacker {
       case format::ColumnKind::octant:
         return format::pack_octants(splats_.splats.depths, splats_.splats.counts);
       case format::ColumnKind::centroid:
-        return format::pack_centroids(splats_.splats.centroids, std::ranges::min(splats_.splats.errors), packer_.cube_);
+        return format::pack_centroids(splats_.splats.centroids, splats_.splats.least_error, packer_.cube_);
       case format::ColumnKind::moments:
         return format::pack_moments(splats_.splats.shapes, packer_.cube_.edge);
       case format::ColumnKind::value_moments:
@@ -72,32 +60,29 @@ class RowPacker::ChunkPacker {
  private:
   format::PackedChunk pack_value_moments(std::size_t attribute) const {
     const format::ValueBins bins = format::bins_of(packer_.attributes_[attribute]);
-    std::vector<SplatValue> values;
-    values.reserve(splats_.size());
+    const std::vector<StoredValue>& values = splats_.splat_values[attribute];
     format::ValueSummary summary;
-    for (const StoredValue& stored : splats_.splat_values[attribute]) {
-      summary.include(summarize_range(stored.min, stored.max, bins));
-      values.push_back(stored.value());
-    }
+    for (const StoredValue& value : values) summary.include(summarize_range(value.min, value.max, bins));
     return format::pack_value_moments(values, least_step(values), summary);
   }
 
   // Depends on no value that is far from the others, such as a number that stands for no value.
-  static double least_step(std::span<const SplatValue> values) {
-    std::vector<double> deviations;
+  static double least_step(std::span<const StoredValue> values) {
+    std::vector<float> deviations;
+    deviations.reserve(values.size());
     double smallest_mean = infinity;
-    for (const SplatValue& value : values) {
+    for (const StoredValue& value : values) {
       if (value.deviation > 0) deviations.push_back(value.deviation);
       if (value.coverage > 0 && value.deviation == 0 && value.mean != 0)
-        smallest_mean = std::min(smallest_mean, std::abs(value.mean));
+        smallest_mean = std::min<double>(smallest_mean, std::abs(value.mean));
     }
     if (deviations.empty()) return 0;
-    const auto median = deviations.begin() + static_cast<std::ptrdiff_t>(deviations.size() / 2);
-    std::ranges::nth_element(deviations, median);
-    return std::min(step_per_median_deviation * *median, step_per_mean * smallest_mean);
+    const std::size_t middle = deviations.size() / 2;
+    select_nth(std::span(deviations), middle, std::less());
+    return std::min(step_per_median_deviation * double{deviations[middle]}, step_per_mean * smallest_mean);
   }
 
-  double position_error() const { return packer_.exact_.positions ? 0 : std::ranges::min(splats_.points.errors); }
+  double position_error() const { return packer_.exact_.positions ? 0 : splats_.points.least_error; }
 
   double value_error(std::size_t attribute) const {
     if (packer_.exact_.values) return 0;
@@ -148,11 +133,11 @@ void RowPacker::include(const StoredSummary& row) const {
 
 PackedRow RowPacker::pack(const SplatColumns& splats) const {
   ChunkPacker packer(splats, *this);
-  std::vector<PackedChunk> chunks;
+  PackedRow row;
   for (const format::Column& column : splats.points.positions.empty() ? resolution_columns_ : all_columns_)
-    chunks.push_back(packer.pack(column));
+    row.push_back(packer.pack(column));
   if (!splats.points.positions.empty()) include(packer.row());
-  return serialize(chunks);
+  return row;
 }
 
 Status RowPacker::pack(PendingRow& row) const {
@@ -165,8 +150,13 @@ Status RowPacker::pack(PendingRow& row) const {
 Status read_written(PendingRow& row) {
   if (row.written.empty()) return {};
   auto whole = std::make_unique<SplatColumns>(row.splats->splat_values.size());
-  for (const FilePart& part : row.written) SPLATVOL_TRY(whole->read_from(*row.spool, part.offset));
-  whole->append(*row.splats, 0, row.splats->size());
+  for (const FilePart& part : row.written) {
+    format::Bytes bytes(part.bytes);
+    SPLATVOL_TRY(row.spool->read(part.offset, bytes));
+    if (format::hash_bytes(bytes) != part.hash) return fail_changed_temporary();
+    whole->append_from(bytes);
+  }
+  whole->append(*row.splats);
   row.splats = std::move(whole);
   row.written.clear();
   row.written_splats = 0;

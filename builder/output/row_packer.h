@@ -16,15 +16,12 @@
 
 namespace splatvol {
 
-/// The chunks of a row as bytes: their entries (format::ChunkEntry), then their contents.
-struct PackedRow {
-  format::Bytes bytes;
-  std::size_t entry_bytes = 0;  // of the entries
-};
+/// The chunks of a row.
+using PackedRow = std::vector<format::PackedChunk>;
 
 /// Bytes in a temporary file.
 struct FilePart {
-  std::uint64_t offset, bytes;
+  std::uint64_t offset, bytes, hash;
 };
 
 /// A row on its way into a file. Levels are counted as in Member.

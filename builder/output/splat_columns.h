@@ -3,12 +3,11 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
-#include "base/error.h"
 #include "base/math.h"
-#include "base/temp_file.h"
 #include "builder/output/stored_splat.h"
 #include "format/codec.h"
 #include "format/columns.h"
@@ -20,13 +19,13 @@ namespace splatvol {
 struct SplatColumns {
   struct Splats {
     std::vector<dvec3> centroids;
-    std::vector<double> errors;  // of the centroids
     std::vector<SplatShape> shapes;
     std::vector<std::uint8_t> depths, counts;
+    double least_error = std::numeric_limits<double>::infinity();  // of the centroids
   };
   struct Points {
     std::vector<dvec3> positions;
-    std::vector<double> errors;
+    double least_error = std::numeric_limits<double>::infinity();
   };
   struct PointValues {
     std::vector<float> values;    // less the attribute's offset; NaN: missing
@@ -52,16 +51,9 @@ struct SplatColumns {
     point_values[attribute].gradients.push_back(gradient);
   }
 
-  /// Appends elements [begin, end) of another.
-  void append(const SplatColumns& other, std::size_t begin, std::size_t end);
+  void append(const SplatColumns& other);
 
-  /// Writes all arrays to the end of a file, for read_from(). Returns how many bytes it wrote.
-  [[nodiscard]] Result<std::uint64_t> write_to(TempFile& file) const;
-
-  /// Appends what write_to() wrote at `offset`. Requires as many attributes.
-  [[nodiscard]] Status read_from(const TempFile& file, std::uint64_t offset);
-
-  /// Appends all arrays to bytes, for append_from() of another process of this build.
+  /// Appends all arrays to bytes, for append_from() later on, or in another process of this build.
   void put_into(format::Bytes& bytes) const;
 
   /// Appends what put_into() wrote at the front of `bytes`. Returns how many bytes that were. Requires as many

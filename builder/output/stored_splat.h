@@ -10,6 +10,7 @@
 #include "builder/mesh/boundary.h"
 #include "builder/mesh/moments.h"
 #include "format/columns.h"
+#include "format/stored_value.h"
 #include "format/volume_info.h"
 
 namespace splatvol {
@@ -20,31 +21,19 @@ struct PointPosition {
   double error = 0;
 };
 
+using format::StoredValue;
+
 /// A splat at one resolution, without its values.
 struct StoredSplat {
   dvec3 centroid{0};
   double error = 0;  // how far the file may move the centroid
   SplatShape shape;
-  std::uint64_t number = 0;  // among the splats of its resolution, in Morton order
-  std::uint8_t depth = 0;    // of its leaf in the octree over its resolution
-  std::uint8_t count = 0;    // points in that leaf, at most 255
-};
-
-/// A splat's values of an attribute, as stored: by the attribute's offset and scale. In single precision: the file
-/// keeps less, and these are most of the memory of a build with many attributes. Fields as in SplatValue.
-struct StoredValue {
-  float mean, deviation;
-  vec3 correlation;
-  float coverage;
-  float min, max;  // of the material; min > max if it has no value
-
-  [[nodiscard]] SplatValue value() const {
-    return {.mean = mean, .deviation = deviation, .correlation = dvec3(correlation), .coverage = coverage};
-  }
+  std::uint8_t depth = 0;  // of its leaf in the octree over its resolution
+  std::uint8_t count = 0;  // points in that leaf, at most 255
 };
 
 /// Makes the splat of `moments`, whose shape_of is `shape`, cut at `plane`, about a point at `position`. `point_error`:
-/// error of the position, for a splat without extent. Leaves depth, count and number 0.
+/// error of the position, for a splat without extent. Leaves depth and count 0.
 [[nodiscard]] StoredSplat make_stored_splat(const dvec3& position, double point_error, const SpatialMoments& moments,
                                             const SplatShape& shape, const BoundaryPlane& plane);
 [[nodiscard]] inline StoredSplat make_stored_splat(const dvec3& position, double point_error,
@@ -63,7 +52,7 @@ struct StoredValue {
 [[nodiscard]] StoredValue make_stored_value(const ValueMoments& moments, const SplatShape& shape,
                                             const format::Attribute& attribute);
 
-/// For emplace_back(MadeBy{make}): make() makes the element in the vector's memory, so that nothing is copied.
+/// For emplace_back(MadeBy{make}) and construct_at: make() makes the element in its memory, so that nothing is copied.
 template <class Make>
 struct MadeBy {
   Make make;

@@ -80,7 +80,7 @@ NextPoints stream_of_mesh(std::vector<Tetrahedron> tetrahedra, PointBatch points
   auto planes = boundary_planes(points.positions, find_outer_faces(points.positions, tetrahedra));
   const auto mesh =
       std::make_shared<JoinedMesh>(JoinedMesh{std::move(tetrahedra), std::move(planes), std::nullopt, gradients});
-  return stream_with_material(
+  return stream_of(
       std::move(points), [mesh](const PointBatch& held, std::size_t begin, std::size_t end, PointBatch& batch) {
         if (!mesh->material) mesh->material.emplace(held.positions, mesh->tetrahedra);
         const std::size_t first = grow_material(batch, mesh->gradients);

@@ -16,11 +16,8 @@ constexpr std::size_t usual_batches = 8, usual_batch_points = 4096, least_batch_
 // Bytes of a point while its batch is reduced: in the batch, in a row and, for about half of the points, in a member
 // with its splats at two levels.
 std::size_t bytes_of_reduced_point(const BuildShape& shape) {
-  const std::size_t gradient = shape.gradients ? sizeof(vec3) : 0;
-  const std::size_t member = sizeof(Member) + 2 * sizeof(StoredSplat) +
-                             shape.attributes * (sizeof(MemberValue) + 2 * sizeof(StoredValue) + gradient);
   return bytes_of_batch_point(shape.attributes, shape.gradients) +
-         SplatColumns::bytes_of_splat(shape.attributes, shape.gradients) + member / 2;
+         SplatColumns::bytes_of_splat(shape.attributes, shape.gradients) + Member::bytes_of(shape.attributes, 2) / 2;
 }
 
 // Points of batches that are cut, and points that wait to be cut. The vector of the latter may be twice as large as it

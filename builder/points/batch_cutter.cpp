@@ -9,13 +9,17 @@ namespace splatvol {
 
 BatchCutter::BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t index_leaf_points, BatchShape shape,
                          PointBorders borders)
-    : next_(std::move(next)), index_leaf_points_(index_leaf_points), shape_(shape), borders_(borders) {
+    : next_(std::move(next)),
+      index_leaf_points_(index_leaf_points),
+      shape_(shape),
+      borders_(borders),
+      before_(borders.before) {
   held_.resize_attributes(attributes);
 }
 
-// Holds at least `points` that have not been returned, or all that are left.
+// Holds at least `points`, or all that are left.
 Status BatchCutter::hold(std::size_t points) {
-  while (!ended_ && held_.size() - begin_ < points) {
+  while (!ended_ && held_.size() < points) {
     SPLATVOL_TRY_ASSIGN(more, next_(held_));
     ended_ = !more;
   }
@@ -26,17 +30,18 @@ Status BatchCutter::hold(std::size_t points) {
 // key. Requires that more than `most` points from there on are held, or all.
 NodePart BatchCutter::part_at(std::size_t begin, std::size_t most) const {
   const std::vector<MortonKey>& keys = held_.keys;
-  int shared_before = begin > 0 ? common_depth(keys[begin - 1], keys[begin]) : borders_.keys.shared_before(keys[begin]);
+  const std::optional<MortonKey> before = begin > 0 ? keys[begin - 1] : last_;
+  int shared_before = before ? common_depth(*before, keys[begin]) : borders_.keys.shared_before(keys[begin]);
   if (keys.size() - begin <= most) shared_before = std::max(shared_before, borders_.keys.shared_behind(keys[begin]));
   const KeyLeaf part = leaf_part_at(keys, begin, most, shared_before);
-  return {begin, part.end, part.depth, 0, begin > 0 && keys[begin - 1] == keys[begin]};
+  return {begin, part.end, part.depth, 0, before == keys[begin]};
 }
 
 // Cuts a batch's points into estimate nodes, and returns where the last of these ends.
 std::size_t BatchCutter::cut_estimate_nodes(std::size_t most, std::vector<NodePart>& parts) const {
   parts.clear();
-  std::size_t end = begin_;
-  while (end < held_.size() && end - begin_ < shape_.points) {
+  std::size_t end = 0;
+  while (end < std::min(held_.size(), shape_.points)) {
     parts.push_back(part_at(end, most));
     end = parts.back().end;
   }
@@ -57,38 +62,31 @@ void BatchCutter::cut_index_leaves(std::span<const NodePart> nodes, std::vector<
     }
 }
 
-void BatchCutter::copy_points(std::size_t end, PointBatch& batch) const {
+// Moves the first `end` points to a batch.
+void BatchCutter::extract_points(std::size_t end, PointBatch& batch) {
   batch.resize_attributes(held_.values.size());
-  for_each_array(held_, batch, [&](const auto& from, auto& to) {
-    if (from.empty()) return;  // not known yet: the estimate writes over the material of the last batch
-    to.assign(from.begin() + static_cast<std::ptrdiff_t>(begin_), from.begin() + static_cast<std::ptrdiff_t>(end));
+  batch.before = before_;
+  last_ = held_.keys[end - 1];
+  before_ = held_.positions[end - 1];
+  for_each_array(held_, batch, [&](auto& held, auto& extracted) {
+    if (held.empty()) return;  // not known yet: the estimate writes over the material of the last batch
+    std::swap(held, extracted);
+    const auto rest = extracted.begin() + static_cast<std::ptrdiff_t>(end);
+    held.assign(rest, extracted.end());
+    extracted.erase(rest, extracted.end());
   });
-  batch.before = begin_ > 0 ? std::optional(held_.positions[begin_ - 1]) : borders_.before;
-  batch.behind = end < held_.size() ? std::optional(held_.positions[end]) : borders_.behind;
-}
-
-// Keeps the last point that was returned: the next nodes depend on its key.
-void BatchCutter::forget_returned_points() {
-  for_each_array(held_, held_, [&](auto& items, auto&) {
-    items.erase(items.begin(), items.begin() + static_cast<std::ptrdiff_t>(
-                                                   std::min(begin_ - std::min<std::size_t>(begin_, 1), items.size())));
-  });
-  begin_ = std::min<std::size_t>(begin_, 1);
+  batch.behind = held_.size() > 0 ? held_.positions.front() : borders_.behind;
 }
 
 Result<bool> BatchCutter::next(PointBatch& batch) {
   const std::size_t most = std::max(shape_.node_points, index_leaf_points_);
   SPLATVOL_TRY(hold(shape_.points + most + 1));
-  if (begin_ == held_.size()) return false;
+  if (held_.size() == 0) return false;
   const std::size_t end = cut_estimate_nodes(most, batch.estimate_parts);
   cut_index_leaves(batch.estimate_parts, batch.leaf_parts);
-  copy_points(end, batch);
-  for (auto* parts : {&batch.estimate_parts, &batch.leaf_parts})
-    for (NodePart& part : *parts) part.begin -= begin_, part.end -= begin_;
+  extract_points(end, batch);
   batch.first = returned_;
   returned_ += batch.size();
-  begin_ = end;
-  forget_returned_points();
   return true;
 }
 

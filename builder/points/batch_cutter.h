@@ -46,18 +46,18 @@ class BatchCutter {
   [[nodiscard]] NodePart part_at(std::size_t begin, std::size_t most) const;
   [[nodiscard]] std::size_t cut_estimate_nodes(std::size_t most, std::vector<NodePart>& parts) const;
   void cut_index_leaves(std::span<const NodePart> nodes, std::vector<NodePart>& parts);
-  void copy_points(std::size_t end, PointBatch& batch) const;
-  void forget_returned_points();
+  void extract_points(std::size_t end, PointBatch& batch);
 
   NextPoints next_;
   std::size_t index_leaf_points_;
   BatchShape shape_;
   PointBorders borders_;
-  PointBatch held_;             // points that have not been returned, and at least one before them
-  std::size_t begin_ = 0;       // first of the held points that has not been returned
-  bool ended_ = false;          // the stream has no more points
-  std::uint64_t returned_ = 0;  // points
-  std::uint64_t leaves_ = 0;    // index leaves that have begun
+  PointBatch held_;                // points that have not been returned
+  std::optional<MortonKey> last_;  // key of the point that was returned last
+  std::optional<dvec3> before_;    // its position, or that of the neighbour before all
+  bool ended_ = false;             // the stream has no more points
+  std::uint64_t returned_ = 0;     // points
+  std::uint64_t leaves_ = 0;       // index leaves that have begun
 };
 
 }  // namespace splatvol

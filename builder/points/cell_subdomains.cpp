@@ -15,9 +15,6 @@
 namespace splatvol {
 namespace {
 
-// Points that next() returns at a time.
-constexpr std::size_t returned_points = 4096;
-
 // Points outside a subdomain matter up to so many usual distances between points.
 constexpr double reach_in_spacings = 2;
 
@@ -210,7 +207,7 @@ Result<bool> CellSubdomains::next(PointBatch& batch) {
   if (ready_.empty()) SPLATVOL_TRY(find_cells());
   if (ready_.empty()) return false;
   const Subdomain& subdomain = *ready_.front();
-  const std::size_t end = std::min(returned_ + returned_points, subdomain.size());
+  const std::size_t end = std::min(returned_ + points_at_once, subdomain.size());
   subdomain.append(returned_, end, cube_, batch);
   returned_ = end;
   if (end == subdomain.size()) {

@@ -415,11 +415,6 @@ class Subdomain {
   std::vector<Tetrahedron> tetrahedra_;  // kept, at own points; corners by ascending numbers
 };
 
-template <class T>
-void append(std::vector<T>& to, std::vector<T>& from) {
-  to.insert(to.end(), from.begin(), from.end());
-}
-
 }  // namespace
 
 DelaunaySubdomains::DelaunaySubdomains(StoredPoints points, const Cube& cube, std::size_t subdomain_points,
@@ -484,9 +479,13 @@ Result<bool> DelaunaySubdomains::next(PointBatch& batch) {
     }
     SPLATVOL_TRY(triangulate(count));
   }
-  PointBatch& subdomain = ready_.front();
-  for_each_array(batch, subdomain, [](auto& all, auto& items) { append(all, items); });
-  ready_.pop_front();
+  const PointBatch& subdomain = ready_.front();
+  const std::size_t end = std::min(returned_ + points_at_once, subdomain.size());
+  append_points(subdomain, std::exchange(returned_, end), end, batch);
+  if (end == subdomain.size()) {
+    ready_.pop_front();
+    returned_ = 0;
+  }
   return true;
 }
 

@@ -60,6 +60,7 @@ class DelaunaySubdomains {
   std::vector<std::size_t> cuts_;  // buckets at which subdomains begin, and the end
   std::size_t next_ = 0;           // subdomain
   std::deque<PointBatch> ready_;
+  std::size_t returned_ = 0;  // points of the first of these
   std::uint64_t uncertain_ = 0;
   std::unique_ptr<SharedTetrahedra> shared_;  // null: no one takes tetrahedra
   bool ended_ = false;

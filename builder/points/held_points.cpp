@@ -16,22 +16,7 @@ Result<PointBatch> hold_all(const NextPoints& next, std::size_t attributes, std:
   return all;
 }
 
-NextPoints stream_of(PointBatch points) {
-  return [held = std::make_shared<PointBatch>(std::move(points))](PointBatch& batch) -> Result<bool> {
-    if (held->size() == 0) return false;
-    for_each_array(*held, batch, [](auto& from, auto& to) {
-      if (to.empty())
-        to.swap(from);
-      else
-        to.insert(to.end(), from.begin(), from.end());
-      from = {};
-    });
-    return true;
-  };
-}
-
-NextPoints stream_with_material(PointBatch points, AddMaterial add_material) {
-  constexpr std::size_t most = 512;
+NextPoints stream_of(PointBatch points, AddMaterial add_material) {
   struct Held {
     PointBatch points;
     AddMaterial add_material;
@@ -40,16 +25,10 @@ NextPoints stream_with_material(PointBatch points, AddMaterial add_material) {
   return [held = std::make_shared<Held>(Held{std::move(points), std::move(add_material)})](
              PointBatch& batch) -> Result<bool> {
     const PointBatch& all = held->points;
-    const std::size_t begin = held->next, end = std::min(begin + most, all.size());
+    const std::size_t begin = held->next, end = std::min(begin + points_at_once, all.size());
     if (begin == end) return false;
-    const auto append = [&](const auto& from, auto& to) {
-      to.insert(to.end(), from.begin() + static_cast<std::ptrdiff_t>(begin),
-                from.begin() + static_cast<std::ptrdiff_t>(end));
-    };
-    append(all.keys, batch.keys);
-    append(all.positions, batch.positions);
-    for (std::size_t a = 0; a < all.values.size(); ++a) append(all.values[a], batch.values[a]);
-    held->add_material(all, begin, end, batch);
+    append_points(all, begin, end, batch);
+    if (held->add_material) held->add_material(all, begin, end, batch);
     held->next = end;
     return true;
   };

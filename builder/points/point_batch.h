@@ -49,9 +49,10 @@ struct PointBatch {
   }
 };
 
-/// Appends the next points of a stream to a batch, a few thousand or all. Returns false after the last point. Does not
+/// Appends the next points of a stream to a batch, about `points_at_once`. Returns false after the last point. Does not
 /// touch the number of the first point, the parts of nodes and the neighbours.
 using NextPoints = std::function<Result<bool>(PointBatch&)>;
+inline constexpr std::size_t points_at_once = 512;
 
 /// Calls visit(a, b) for each pair of arrays over the points of two batches with as many attributes.
 template <class A, class B, class Visit>
@@ -66,6 +67,14 @@ void for_each_array(A& a, B& b, const Visit& visit) {
     visit(a.value_moments[i], b.value_moments[i]);
     visit(a.gradients[i], b.gradients[i]);
   }
+}
+
+/// Appends points [begin, end) of another batch with as many attributes, and what is known of them.
+inline void append_points(const PointBatch& from, std::size_t begin, std::size_t end, PointBatch& to) {
+  for_each_array(from, to, [&](const auto& items, auto& all) {
+    const auto at = [&](std::size_t i) { return items.begin() + static_cast<std::ptrdiff_t>(i); };
+    if (!items.empty()) all.insert(all.end(), at(begin), at(end));
+  });
 }
 
 }  // namespace splatvol

@@ -153,31 +153,40 @@ Result<PointStream> PointStream::create(Source& source, bool use_cells, std::siz
 }
 
 Status PointStream::rewind() {
-  records_.clear();
-  keys_.clear();
-  ended_ = false;
   returned_ = 0;
   merger_ = SampleMerger(layout_, summary_.has_material, summary_.stored);
   summary_.census.merged = summary_.census.unlike = summary_.census.coincident = 0;
   return points_.rewind();
 }
 
-// Reads records until at least one run of equal keys is whole. Returns the number of records in whole runs; 0 at the
-// end. A run that is too long comes in parts, which begin at the same points wherever the reads end.
-Result<std::size_t> PointStream::read_whole_run() {
+// Takes the next of the sorted records.
+SortedRecords PointStream::take(std::size_t count) {
+  const std::size_t bytes = count * layout_.bytes();
+  const SortedRecords taken{sorted_.records.first(bytes), sorted_.keys.first(count)};
+  sorted_ = {sorted_.records.subspan(bytes), sorted_.keys.subspan(count)};
+  return taken;
+}
+
+// Returns the records of the next key; none at the end. A run that is too long comes in parts, which begin at the same
+// points wherever the reads end.
+Result<SortedRecords> PointStream::next_run() {
+  if (sorted_.keys.size() > 1 && sorted_.keys[0] != sorted_.keys[1]) return take(1);  // most have one record
   const std::size_t longest = longest_run(layout_.has_material());
-  while (!ended_) {
-    SPLATVOL_TRY_ASSIGN(more, points_.next());
-    ended_ = more.keys.empty();
-    records_.insert(records_.end(), more.records.begin(), more.records.end());
-    keys_.insert(keys_.end(), more.keys.begin(), more.keys.end());
-    if (ended_) break;
-    std::size_t whole = keys_.size();
-    while (whole > 0 && keys_[whole - 1] == keys_.back()) --whole;
-    whole += (keys_.size() - whole) / longest * longest;
-    if (whole > 0) return whole;
+  run_.clear();
+  run_keys_.clear();
+  for (;;) {
+    const std::span<const MortonKey> keys = sorted_.keys;
+    const MortonKey key = !run_keys_.empty() ? run_keys_[0] : !keys.empty() ? keys[0] : MortonKey{};
+    std::size_t count = 0;
+    while (count < keys.size() && run_keys_.size() + count < longest && keys[count] == key) ++count;
+    const bool is_whole = count < keys.size();
+    const SortedRecords part = take(count);
+    if (is_whole && run_keys_.empty()) return part;
+    run_.insert(run_.end(), part.records.begin(), part.records.end());
+    run_keys_.insert(run_keys_.end(), part.keys.begin(), part.keys.end());
+    if (!is_whole) SPLATVOL_TRY_SET(sorted_, points_.next());
+    if (is_whole || sorted_.keys.empty()) return SortedRecords{run_, run_keys_};
   }
-  return keys_.size();
 }
 
 // Keeps the blocks of points for their planes, if a vertex has copies in its own block only. `points`: of the records,
@@ -192,25 +201,20 @@ void PointStream::note_blocks(const std::byte* records, std::span<const std::siz
 
 Result<bool> PointStream::next(PointBatch& batch) {
   SPLATVOL_TRY(check_interruption());
-  SPLATVOL_TRY_ASSIGN(whole, read_whole_run());
-  if (whole == 0) return false;
-  const std::size_t longest = longest_run(layout_.has_material());
   const std::size_t first = batch.size();
   blocks_.clear();
-  for (std::size_t begin = 0; begin < whole;) {
-    std::size_t end = begin + 1;
-    while (end < whole && end - begin < longest && keys_[end] == keys_[begin]) ++end;
-    const std::byte* record = records_.data() + begin * layout_.bytes();
-    const auto points = merger_.append(record, end - begin, keys_[begin], batch, summary_.census);
+  while (batch.size() - first < points_at_once) {
+    SPLATVOL_TRY_ASSIGN(run, next_run());
+    if (run.keys.empty()) break;
+    const std::byte* record = run.records.data();
+    const auto points = merger_.append(record, run.keys.size(), run.keys[0], batch, summary_.census);
     note_blocks(record, points, first);
     for (std::size_t i = 0; watch_rank_ && i < points.size(); ++i)
       SPLATVOL_TRY(
           watch_rank_(layout_.tag(record + i * layout_.bytes()), first_rank_ + returned_ + (points[i] - first)));
-    begin = end;
   }
+  if (batch.size() == first) return false;
   returned_ += batch.size() - first;
-  records_.erase(records_.begin(), records_.begin() + static_cast<std::ptrdiff_t>(whole * layout_.bytes()));
-  keys_.erase(keys_.begin(), keys_.begin() + static_cast<std::ptrdiff_t>(whole));
   if (corners_) SPLATVOL_TRY(corners_->append_planes(batch, first, summary_.stored, blocks_));
   return true;
 }

@@ -53,7 +53,7 @@ class PointStream {
   /// Gives the sort back; then only destruction is allowed.
   [[nodiscard]] ExternalSorter take_sort() { return std::move(points_); }
 
-  /// Appends the next points to `batch` (NextPoints), a few thousand, copies of a vertex as one.
+  /// Appends the next points to `batch` (NextPoints), copies of a vertex as one.
   [[nodiscard]] Result<bool> next(PointBatch& batch);
 
   [[nodiscard]] const InputSummary& summary() const { return summary_; }
@@ -75,7 +75,8 @@ class PointStream {
   [[nodiscard]] std::uint64_t count() const { return points_.count(); }
 
  private:
-  [[nodiscard]] Result<std::size_t> read_whole_run();
+  [[nodiscard]] Result<SortedRecords> next_run();
+  SortedRecords take(std::size_t count);
   void note_blocks(const std::byte* records, std::span<const std::size_t> points, std::size_t first);
 
   PointRecords layout_;  // with all attributes of the source
@@ -88,11 +89,10 @@ class PointStream {
   std::uint64_t first_rank_ = 0;
   std::uint64_t returned_ = 0;  // points
 
-  // Sorted records that have not been returned. The last ones may have equals that are still to come.
-  std::vector<std::byte> records_;
-  std::vector<MortonKey> keys_;
+  SortedRecords sorted_;               // records that the sort returned, as far as their points were not
+  std::vector<std::byte> run_;         // records of one key, if the sort returned them in parts
+  std::vector<MortonKey> run_keys_;    // of these
   std::vector<std::uint64_t> blocks_;  // of the points that next() returns, if they are needed
-  bool ended_ = false;
 };
 
 }  // namespace splatvol

@@ -3,8 +3,10 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <ranges>
 #include <utility>
 
@@ -30,15 +32,15 @@ inline vec3 direction(const dvec3& gradient) {
 
 class BatchReducer {
  public:
-  BatchReducer(const PointBatch& batch, const ReductionSettings& settings, MemberPool& pool, ReducedBatch& result)
-      : batch_(batch), settings_(settings), pool_(pool), result_(result) {
+  BatchReducer(const PointBatch& batch, const ReductionSettings& settings, ReducedBatch& result)
+      : batch_(batch), settings_(settings), result_(result) {
     for (const format::Attribute& attribute : settings.attributes) bins_.push_back(format::bins_of(attribute));
     result_.tail.reserve(settings.packer ? std::min(settings.points_per_chunk, batch.size()) : batch.size());
     clusters_.assign(result.owners);
   }
 
   void run() {
-    if (settings_.reduces) pool_.acquire(most_members(), spare_);
+    if (settings_.reduces) result_.members.reserve(most_members());
     for (const NodePart& part : batch_.leaf_parts) {
       part_ = part;
       const std::size_t first_member = result_.members.size();
@@ -47,18 +49,29 @@ class BatchReducer {
       leaf.depth = part.depth;
       leaf.summaries.resize(attributes());
       while (leaf_begin_ < part.end) reduce_leaf(leaf);
-      add_splats(std::span(result_.members).subspan(first_member), settings_.attributes);
+      result_.members.add_splats(first_member, settings_.attributes);
       include_members(leaf, first_member);
       result_.leaf_parts.back().members_end = result_.members.size();
     }
-    if (!settings_.packer) std::swap(result_.finest, result_.tail);
-    pool_.release(spare_);
   }
 
  private:
   std::size_t attributes() const { return settings_.attributes.size(); }
   const format::Attribute& attribute(std::size_t a) const { return settings_.attributes[a]; }
   BoundaryPlane plane(std::size_t i) const { return batch_.planes.empty() ? BoundaryPlane{} : batch_.planes[i]; }
+
+  // Makes the shapes of several points at a time: points come in their order.
+  const SplatShape& shape(std::size_t i) {
+    const std::size_t begin = i / shapes_at_once * shapes_at_once;
+    if (begin != shapes_begin_) {
+      shapes_begin_ = begin;
+      std::array<const SpatialMoments*, shapes_at_once> moments{};
+      const std::size_t count = std::min(shapes_at_once, batch_.size() - begin);
+      for (std::size_t k = 0; k < count; ++k) moments[k] = &batch_.moments[begin + k];
+      shapes_ = shapes_of(std::span(moments).first(count));
+    }
+    return shapes_[i % shapes_at_once];
+  }
 
   // Reduces the next leaf of the octree over the points, which lies in an index leaf.
   void reduce_leaf(OpenIndexLeaf& leaf) {
@@ -126,26 +139,25 @@ class BatchReducer {
     SplatColumns& columns = result_.tail;
     const SpatialMoments& moments = batch_.moments[i];
     const dvec3& position = batch_.positions[i];
-    SplatShape& shape = columns.splats.shapes.emplace_back(MadeBy{[&] { return shape_of(moments); }});
-    if (!batch_.planes.empty()) shape.boundary = boundary_foot(batch_.planes[i], moments, shape);
+    SplatShape& own = columns.splats.shapes.emplace_back(shape(i));
+    if (!batch_.planes.empty()) own.boundary = boundary_foot(batch_.planes[i], moments, own);
     const dvec3& centroid = columns.splats.centroids.emplace_back(position + moments.centroid);
-    const double error = error_of(i, shape);
-    columns.splats.errors.push_back(error);
+    const double error = error_of(i, own);
+    columns.splats.least_error = std::min(columns.splats.least_error, error);
     columns.splats.depths.push_back(static_cast<std::uint8_t>(depth_));
     columns.splats.counts.push_back(static_cast<std::uint8_t>(count_));
-    columns.points.positions.push_back(position);
-    columns.points.errors.push_back(point_error(i, error));
+    columns.add_point({position, point_error(i, error)});
     for (std::size_t a = 0; a < attributes(); ++a) {
       const ValueMoments& material = batch_.value_moments[a][i];
-      const StoredValue& splat = columns.splat_values[a].emplace_back(
-          MadeBy{[&] { return make_stored_value(material, shape, attribute(a)); }});
+      const StoredValue& splat =
+          columns.splat_values[a].emplace_back(MadeBy{[&] { return make_stored_value(material, own, attribute(a)); }});
       const float value = stored(a, i);
       columns.add_point_value(a, value);
       if (!batch_.gradients[a].empty()) columns.add_gradient(a, direction(batch_.gradients[a][i]));
       include(leaf, a, splat.min, splat.max, value);
     }
     leaf.count(0);
-    leaf.splats_at(0).include(centroid, shape, moments, depth_, count_);
+    leaf.splats_at(0).include(centroid, own, moments, depth_, count_);
     ++finest_;
     if (settings_.packer && (result_.first_finest + finest_) % settings_.points_per_chunk == 0) close_row();
   }
@@ -166,9 +178,11 @@ class BatchReducer {
 
   void include_members(OpenIndexLeaf& leaf, std::size_t first) {
     for (std::size_t m = first; m < result_.members.size(); ++m) {
-      const Member& member = *result_.members[m];
-      for (std::size_t a = 0; a < attributes(); ++a)
-        include(leaf, a, member.stored_values[a].min, member.stored_values[a].max, member.values[a].value);
+      const Member& member = result_.members[m];
+      for (std::size_t a = 0; a < attributes(); ++a) {
+        const StoredValue& splat = member.stored_values(0)[a];
+        include(leaf, a, splat.min, splat.max, member.values()[a].value);
+      }
     }
   }
 
@@ -180,38 +194,29 @@ class BatchReducer {
     return stay;
   }
 
-  Member& next_member() {
-    const std::size_t left = spare_.size();
-    if (left > 2) spare_[left - 3]->prefetch_vectors();
-    if (left > 6) spare_[left - 7]->prefetch();
-    MemberPool::Handle& member = result_.members.emplace_back(std::move(spare_.back()));
-    spare_.pop_back();
-    return *member;
-  }
-
   template <class Cluster>
   void add_member(const Cluster& cluster, std::size_t kept, OpenIndexLeaf& leaf) {
-    Member& member = next_member();
+    Member& member = result_.members.add();
     member.key = batch_.keys[kept];
     member.leaf = part_.leaf;
-    StoredSplat& splat = member.splats.emplace_back(
-        MadeBy{[&] { return make_stored_splat(batch_.positions[kept], 0, batch_.moments[kept], plane(kept)); }});
+    member.number = batch_.first + kept;
+    StoredSplat& splat = *std::construct_at(&member.splat(0), MadeBy{[&] {
+      return make_stored_splat(batch_.positions[kept], 0, batch_.moments[kept], shape(kept), plane(kept));
+    }});
     splat.error = error_of(kept, splat.shape);
-    splat.number = batch_.first + kept;
     splat.depth = static_cast<std::uint8_t>(depth_);
     splat.count = static_cast<std::uint8_t>(count_);
     member.point = {batch_.positions[kept], point_error(kept, splat.error)};
     // The points of a part that is continued are all finest, and have been added.
     if (!part_.continued) leaf.splats_at(0).include(splat, batch_.moments[kept]);
     const auto shift = [&](std::size_t i) { return batch_.positions[i] - batch_.positions[kept]; };
-    member.values.resize(attributes());
-    member.gradients.resize(batch_.gradients.empty() || batch_.gradients[0].empty() ? 0 : attributes());
     for (std::size_t a = 0; a < attributes(); ++a) {
-      MemberValue& value = member.values[a];
+      MemberValue& value = member.values()[a];
       value.value = stored(a, kept);
-      if (!batch_.gradients[a].empty()) member.gradients[a] = direction(batch_.gradients[a][kept]);
-      member.stored_values.emplace_back(
-          MadeBy{[&] { return make_stored_value(batch_.value_moments[a][kept], splat.shape, attribute(a)); }});
+      if (!batch_.gradients[a].empty()) value.gradient = direction(batch_.gradients[a][kept]);
+      std::construct_at(&member.stored_values(0)[a], MadeBy{[&] {
+        return make_stored_value(batch_.value_moments[a][kept], splat.shape, attribute(a));
+      }});
       for (const std::size_t i : cluster) merge(value.moments, batch_.value_moments[a][i], shift(i));
     }
     for (const std::size_t i : cluster) merge(member.moments, batch_.moments[i], shift(i));
@@ -228,19 +233,19 @@ class BatchReducer {
 
   const PointBatch& batch_;
   const ReductionSettings& settings_;
-  MemberPool& pool_;
   std::vector<format::ValueBins> bins_;  // [attribute]
   ReducedBatch& result_;
-  NodePart part_{};                        // the present leaf part
-  std::size_t leaf_ = 0;                   // the next leaf of the octree over the points
-  std::size_t leaf_begin_ = 0;             // its first point
-  std::uint64_t finest_ = 0;               // finest points so far
-  int depth_ = 0;                          // of the present leaf
-  std::size_t count_ = 0;                  // points in the present leaf, at most 255
-  Clusters clusters_;                      // empty if there are no owners
-  std::vector<MemberPool::Handle> spare_;  // the next members
-  std::vector<BoundaryPlane> planes_;      // of a member's points
-  std::vector<dvec3> shifts_;              // of these from the member
+  NodePart part_{};             // the present leaf part
+  std::size_t leaf_ = 0;        // the next leaf of the octree over the points
+  std::size_t leaf_begin_ = 0;  // its first point
+  std::uint64_t finest_ = 0;    // finest points so far
+  int depth_ = 0;               // of the present leaf
+  std::size_t count_ = 0;       // points in the present leaf, at most 255
+  Clusters clusters_;           // empty if there are no owners
+  std::array<SplatShape, shapes_at_once> shapes_;
+  std::size_t shapes_begin_ = std::numeric_limits<std::size_t>::max();  // the first point of these
+  std::vector<BoundaryPlane> planes_;                                   // of a member's points
+  std::vector<dvec3> shifts_;                                           // of these from the member
 };
 
 // Finds the clusters of each reduction node of a batch. Owners are numbered through the batch.
@@ -296,8 +301,8 @@ std::uint64_t find_leaves(const PointBatch& batch, const ReductionSettings& sett
   return finest;
 }
 
-void reduce_batch(const PointBatch& batch, const ReductionSettings& settings, MemberPool& pool, ReducedBatch& result) {
-  BatchReducer(batch, settings, pool, result).run();
+void reduce_batch(const PointBatch& batch, const ReductionSettings& settings, ReducedBatch& result) {
+  BatchReducer(batch, settings, result).run();
 }
 
 }  // namespace splatvol

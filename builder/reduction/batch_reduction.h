@@ -33,15 +33,15 @@ struct ReducedBatch {
   std::vector<std::uint32_t> owners;  // [point]: the one that it goes with; empty if each leaf keeps one point
   std::uint64_t first_finest = 0;     // number of the first finest point
 
-  // The finest points: up to the end of a row, then whole rows, then the rest; all in the first if none are packed.
+  // The finest points: up to the end of a row, then whole rows, then the rest; all are the rest if none are packed.
   SplatColumns finest;
   std::vector<PackedRow> packed;
   SplatColumns tail;
 
-  std::vector<MemberPool::Handle> members;  // points that coarser levels have, with their splats at levels 0 and 1
-  std::vector<LeafPart> leaf_parts;         // as in PointBatch
+  Members members;                   // points that coarser levels have, with their splats at levels 0 and 1
+  std::vector<LeafPart> leaf_parts;  // as in PointBatch
 
-  explicit ReducedBatch(std::size_t attributes) : finest(attributes), tail(attributes) {}
+  explicit ReducedBatch(std::size_t attributes) : finest(attributes), tail(attributes), members(attributes, 2) {}
 
   /// Keeps the memory.
   void clear();
@@ -73,6 +73,6 @@ struct ReductionSettings {
 std::uint64_t find_leaves(const PointBatch& batch, const ReductionSettings& settings, ReducedBatch& result);
 
 /// Reduces the leaf parts of a batch. Requires find_leaves(). Thread-safe.
-void reduce_batch(const PointBatch& batch, const ReductionSettings& settings, MemberPool& pool, ReducedBatch& result);
+void reduce_batch(const PointBatch& batch, const ReductionSettings& settings, ReducedBatch& result);
 
 }  // namespace splatvol

@@ -1,13 +1,9 @@
 // The reduction of all resolutions in one pass over the points in Morton order.
 #pragma once
 
-#include <tbb/spin_mutex.h>
-
 #include <cstdint>
-#include <deque>
 #include <functional>
 #include <limits>
-#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -23,25 +19,6 @@ namespace splatvol {
 
 /// A resolution with so few points is not reduced.
 inline constexpr std::uint64_t coarsest_target = 512;
-
-/// Keeps members that are done, so that the next ones use the memory of their vectors. Thread-safe.
-class MemberPool {
- public:
-  using Handle = std::unique_ptr<Member>;
-
-  /// Appends members without material and splats until there are `count`.
-  void acquire(std::size_t count, std::vector<Handle>& members);
-
-  /// Releases all of these. Requires that they are cleared.
-  void release(std::vector<Handle>& members);
-
- private:
-  tbb::spin_mutex mutex_;
-  std::vector<Handle> free_;
-};
-
-/// Adds each member's splat at its next level, made from its moments.
-void add_splats(std::span<const MemberPool::Handle> members, std::span<const format::Attribute> attributes);
 
 /// Returns the point of a leaf that goes on to the next coarser level: the one nearest to the leaf's centre (ties: the
 /// earlier). `position(i)` gives the positions of the leaf's `count` points.
@@ -80,24 +57,13 @@ class Cascade {
     std::function<void(const Member& member)> beyond = {};
   };
 
-  /// `pool` gets the members that are done. Pool and attributes must outlive this.
+  /// Attributes must outlive this.
   Cascade(const Cube& cube, Reduction method, std::uint32_t leaf_points, std::span<const format::Attribute> attributes,
-          MemberPool& pool, Sink sink, CascadePart part = {})
-      : cube_(cube),
-        method_(method),
-        leaf_points_(leaf_points),
-        node_points_(most_in_reduction_node(method, leaf_points)),
-        attributes_(attributes),
-        pool_(pool),
-        sink_(std::move(sink)),
-        part_(part),
-        levels_(max_levels) {}
+          Sink sink, CascadePart part = {});
 
-  /// Adds the next member of the first level, which has its splats.
-  void push(MemberPool::Handle member) { push(part_.first, std::move(member)); }
-
-  /// Reduces all nodes that are whole. It is faster to call this now and then than after each member.
-  void advance() { close_nodes(false); }
+  /// Adds a copy of the next member of the first level, which has its splats. Reduces nodes that are whole now and
+  /// then.
+  void push(const Member& member);
 
   /// Adds the material of another member to the last one that was pushed. Both have one Morton key, and count as being
   /// at one position.
@@ -114,36 +80,38 @@ class Cascade {
 
  private:
   struct Level {
-    std::deque<MemberPool::Handle> entries;  // of nodes that are not whole yet
-    std::uint64_t count = 0;                 // members, with those that are gone
-    std::optional<MortonKey> before;         // last key of the nodes that are done
+    Members members;                  // of nodes that are not whole yet
+    std::uint64_t count = 0;          // members, with those that are gone
+    std::optional<MortonKey> before;  // last key of the nodes that are done
+  };
+  // Members [begin, end) of a level.
+  struct Node {
+    std::size_t level, begin, end;
+    int depth;
   };
 
-  [[nodiscard]] bool reduces(const Level& level) const {
-    return part_.end < max_levels || level.count > coarsest_target;
+  [[nodiscard]] bool reduces(std::size_t level) const {
+    return level + 1 < max_levels && (part_.end < max_levels || levels_[level].count > coarsest_target);
   }
-  void push(std::size_t level, MemberPool::Handle member);
   void close_nodes(bool at_end);
   void close_nodes(std::size_t level, bool at_end);
-  void close_node(std::size_t level, std::size_t size, int depth);
-  void set_octants(const Level& level, std::size_t size, int depth) const;
-  void prefetch_next(const Level& level, std::size_t size) const;
-  void reduce_node(int depth);
+  void close_node(const Node& node);
+  void set_octants(const Node& node);
+  void reduce_node(const Node& node);
   template <class Cluster>
-  void merge_cluster(const Cluster& cluster, std::size_t kept);
+  void merge_cluster(const Node& node, const Cluster& cluster, std::size_t kept);
 
   Cube cube_;
   Reduction method_;
   std::uint32_t leaf_points_;
   std::uint64_t node_points_;
   std::span<const format::Attribute> attributes_;
-  MemberPool& pool_;
   Sink sink_;
   CascadePart part_;
-  std::vector<Level> levels_;  // level 0 is not used
+  std::vector<Level> levels_;  // level 0 is not used, and one is too many
 
-  // Scratch for the reduction node that is being closed: members, their keys, positions and owners, and the clusters.
-  std::vector<MemberPool::Handle> node_members_;
+  // Scratch for the reduction node that is being closed: keys and positions of its members, the member that each goes
+  // with, and the clusters.
   std::vector<MortonKey> node_keys_;
   std::vector<dvec3> node_positions_;
   std::vector<std::uint32_t> node_owners_;
@@ -153,10 +121,6 @@ class Cascade {
   // stays.
   std::vector<BoundaryPlane> planes_;
   std::vector<dvec3> shifts_;
-
-  // Scratch for the level whose nodes are being closed. Merged members go on to the next level, done ones end here.
-  std::vector<MemberPool::Handle> merged_;
-  std::vector<MemberPool::Handle> done_;
 };
 
 }  // namespace splatvol

@@ -12,33 +12,21 @@ ReductionPass::ReductionPass(const ReductionSettings& settings, RowCollector& ro
       rows_(rows),
       leaves_(std::move(leaves)),
       most_open_leaves_(most_open_leaves),
-      cascade_(settings.cube, settings.method, settings.leaf_points, settings.attributes, pool_,
+      cascade_(settings.cube, settings.method, settings.leaf_points, settings.attributes,
                {[this](std::size_t level, const Member& member, int node_depth) {
                   SplatBounds& bounds = leaf(member.leaf).splats_at(level);
-                  bounds.include(member.splats[level], member.moments);
+                  bounds.include(member.splat(level), member.moments);
                   bounds.least_depth = std::min(bounds.least_depth, static_cast<std::uint8_t>(node_depth));
                 },
                 [this](std::size_t level, const Member& member) {
                   leaf(member.leaf).count(level);
                   rows_.add_point(level, member);
-                  if (settings_.stays && stays_) stays_ = settings_.stays(level, member.splats[0].number);
+                  if (settings_.stays && stays_) stays_ = settings_.stays(level, member.number);
                 },
                 settings.beyond},
                settings.part),
       finest_(settings.finest_before) {
   if (settings.part.first > 1) first_leaf_ = std::numeric_limits<std::uint64_t>::max();
-}
-
-MemberPool::Handle ReductionPass::new_member() {
-  std::vector<MemberPool::Handle> one;
-  pool_.acquire(1, one);
-  return std::move(one[0]);
-}
-
-void ReductionPass::add_coarse(MemberPool::Handle member) {
-  cascade_.push(std::move(member));
-  constexpr std::uint64_t together = 4096;
-  if (++coarse_ % together == 0) cascade_.advance();
 }
 
 void ReductionPass::prepare(const PointBatch& batch, ReducedBatch& result) {
@@ -52,7 +40,6 @@ Status ReductionPass::add(const PointBatch& batch, ReducedBatch& reduced) {
   for (PackedRow& row : reduced.packed) rows_.add_packed_finest(std::move(row));
   rows_.add_finest(reduced.tail);
   add_members(batch, reduced);
-  cascade_.advance();
   points_ += batch.size();
   const std::uint64_t end = first_leaf_ + open_leaves_.size();
   const std::uint64_t before_last = end > 0 ? end - 1 : 0;  // the last may be continued
@@ -71,11 +58,10 @@ void ReductionPass::add_members(const PointBatch& batch, ReducedBatch& reduced) 
     else
       open_leaves_.push_back(std::move(added.leaf));
     for (; m < added.members_end; ++m) {
-      MemberPool::Handle& member = reduced.members[m];
       if (part.continued)
-        cascade_.add_to_last(*member);
+        cascade_.add_to_last(reduced.members[m]);
       else
-        cascade_.push(std::move(member));
+        cascade_.push(reduced.members[m]);
     }
   }
 }

@@ -30,16 +30,13 @@ class ReductionPass {
   void prepare(const PointBatch& batch, ReducedBatch& result);
 
   /// Reduces the leaf parts of a batch. Thread-safe, also beside prepare() and add().
-  void reduce(const PointBatch& batch, ReducedBatch& result) { reduce_batch(batch, settings_, pool_, result); }
+  void reduce(const PointBatch& batch, ReducedBatch& result) { reduce_batch(batch, settings_, result); }
 
-  /// Adds the next batch. Extracts the members from `reduced`.
+  /// Adds the next batch. Extracts the finest points from `reduced`.
   [[nodiscard]] Status add(const PointBatch& batch, ReducedBatch& reduced);
 
-  /// A member for add_coarse(), without material and splats.
-  [[nodiscard]] MemberPool::Handle new_member();
-
   /// Adds the next member of the first level of a part that has no points; its leaf has been returned elsewhere.
-  void add_coarse(MemberPool::Handle member);
+  void add_coarse(const Member& member) { cascade_.push(member); }
 
   /// Called after the last batch.
   [[nodiscard]] Status finish();
@@ -60,11 +57,9 @@ class ReductionPass {
   RowCollector& rows_;
   std::function<Status(const OpenIndexLeaf&)> leaves_;
   std::uint64_t most_open_leaves_;
-  MemberPool pool_;
   Cascade cascade_;
-  Status stays_;              // of ReductionSettings::stays
-  std::uint64_t finest_;      // points that no coarser level has, up to the last batch that is prepared
-  std::uint64_t coarse_ = 0;  // members of add_coarse()
+  Status stays_;          // of ReductionSettings::stays
+  std::uint64_t finest_;  // points that no coarser level has, up to the last batch that is prepared
   std::uint64_t points_ = 0;
   std::deque<OpenIndexLeaf> open_leaves_;
   std::uint64_t first_leaf_ = 0;  // number of the first open one

@@ -6,8 +6,8 @@
 #include <functional>
 #include <limits>
 
+#include "base/selection.h"
 #include "builder/scattered/gradient_fit.h"
-#include "builder/scattered/selection.h"
 
 namespace splatvol {
 namespace {

@@ -5,8 +5,8 @@
 #include <functional>
 #include <limits>
 
+#include "base/selection.h"
 #include "builder/scattered/gradient_fit.h"
-#include "builder/scattered/selection.h"
 #include "builder/scattered/trimming.h"
 
 namespace splatvol {

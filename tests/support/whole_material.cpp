@@ -53,7 +53,6 @@ std::vector<StoredSplat> splats_of(std::span<const dvec3> positions, const Resol
   for (std::size_t m = 0; m < resolution.size(); ++m) {
     StoredSplat& splat = splats.emplace_back(
         make_stored_splat(positions[resolution.members[m]], 0, material.moments[m], material.plane(m)));
-    splat.number = m;
     splat.depth = resolution.depths[m];
     splat.count = resolution.counts[m];
   }

@@ -30,7 +30,7 @@ struct Material {
 [[nodiscard]] std::vector<Material> merge_clusters(std::span<const dvec3> positions,
                                                    std::span<const Resolution> resolutions, Material finest);
 
-/// Makes a resolution's splats: centroid, shape, number and octant. Densities are 1.
+/// Makes a resolution's splats: centroid, shape and octant. Densities are 1.
 [[nodiscard]] std::vector<StoredSplat> splats_of(std::span<const dvec3> positions, const Resolution& resolution,
                                                  const Material& material);
 

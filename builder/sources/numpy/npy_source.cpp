@@ -132,7 +132,8 @@ class NpySource final : public Source {
         attributes_(std::move(attributes)),
         missing_(missing),
         ranges_(divide(files_)),
-        pieces_(ranges_.size(), [this](std::size_t piece) { return make_piece(ranges_[piece]); }) {}
+        may_be_far_(ranges_.size(), true),
+        pieces_(ranges_.size(), [this](std::size_t piece) { return make_piece(piece); }) {}
 
   const std::vector<std::string>& attributes() const override { return attributes_; }
   std::size_t piece_count() const override { return pieces_.count(); }
@@ -174,24 +175,26 @@ class NpySource final : public Source {
   }
 
   Result<std::optional<Box>> bounds() override {
-    std::vector<Result<Box>> boxes(ranges_.size(), Box{});
-    tbb::parallel_for(std::size_t{0}, ranges_.size(), [&](std::size_t r) { boxes[r] = find_box(ranges_[r]); });
+    std::vector<Result<NearPoints>> found(ranges_.size(), NearPoints{});
+    tbb::parallel_for(std::size_t{0}, ranges_.size(), [&](std::size_t r) { found[r] = find_near_points(ranges_[r]); });
     Box all;
-    for (const Result<Box>& box : boxes) {
-      SPLATVOL_TRY(box);
-      all.include(*box);
+    for (std::size_t r = 0; r < found.size(); ++r) {
+      SPLATVOL_TRY(found[r]);
+      all.include(found[r]->box);
+      may_be_far_[r] = found[r]->dropped > 0;
     }
     return all.low.x <= all.high.x ? std::optional(all) : std::nullopt;
   }
 
  private:
-  Result<std::unique_ptr<Piece>> make_piece(const RowRange& rows) const {
+  Result<std::unique_ptr<Piece>> make_piece(std::size_t number) const {
+    const RowRange& rows = ranges_[number];
     const NpyFile& file = files_[rows.file];
     SPLATVOL_TRY_ASSIGN(reader, RowReader::open(file, rows));
     auto piece = std::make_unique<Piece>();
     piece->points.resize(rows.count);
     SPLATVOL_TRY(reader.get_points(file.position, piece->points));
-    drop_far_points(piece->points);
+    if (may_be_far_[number]) drop_far_points(piece->points);
     for (const std::optional<NpyColumn>& column : file.values) {
       std::vector<double>& values = piece->values.emplace_back(rows.count, missing_value);
       if (column) SPLATVOL_TRY(reader.get(*column, values.data(), 1));
@@ -200,24 +203,18 @@ class NpySource final : public Source {
     return piece;
   }
 
-  /// Finds the box round all finite points; empty if there are none.
-  Result<Box> find_box(const RowRange& rows) const {
-    const NpyFile& file = files_[rows.file];
-    SPLATVOL_TRY_ASSIGN(reader, RowReader::open(file, rows));
+  Result<NearPoints> find_near_points(const RowRange& rows) const {
+    SPLATVOL_TRY_ASSIGN(reader, RowReader::open(files_[rows.file], rows));
     std::vector<dvec3> points(rows.count);
-    SPLATVOL_TRY(reader.get_points(file.position, points));
-    drop_far_points(points);
-    Box box;
-    for (const dvec3& p : points) {
-      if (is_usable_position(p)) box.include({p, p});
-    }
-    return box;
+    SPLATVOL_TRY(reader.get_points(files_[rows.file].position, points));
+    return drop_far_points(points);
   }
 
   std::vector<NpyFile> files_;
   std::vector<std::string> attributes_;
   MissingValues missing_;
   std::vector<RowRange> ranges_;
+  std::vector<bool> may_be_far_;  // [range]: whether it may have far points; bounds() finds out
   PieceAhead pieces_;
   RepeatedPieces repeats_;
 };

@@ -80,7 +80,7 @@ struct Rows {
     const RowPacker packer(info);
     RowFiles files(testing::TempDir(), finest);
     RowCollector rows(info, group_sizes);
-    const ReductionSettings settings{cube, leaf_points, true, info.attributes};
+    const ReductionSettings settings{cube, leaf_points, true, info.attributes, &packer, group_sizes.of(0)};
     ReductionPass pass(settings, rows, [](const OpenIndexLeaf&) -> Status { return {}; });
     run(points, 100, pass, rows, packer, files);
     std::vector<PendingRow> rest = *rows.extract_rest();
@@ -214,7 +214,7 @@ std::vector<IndexLeaf> leaves_of(std::uint64_t most_open_leaves, std::size_t& la
   const RowPacker packer(info);
   RowFiles files(testing::TempDir(), finest);
   RowCollector rows(info, {});
-  const ReductionSettings settings{whole.summary.cube, leaf_points, true, info.attributes};
+  const ReductionSettings settings{whole.summary.cube, leaf_points, true, info.attributes, &packer, GroupSizes().of(0)};
   IndexLeafSpool spool(testing::TempDir());
   ReductionPass pass(
       settings, rows, [&](const OpenIndexLeaf& leaf) { return spool.append(leaf); }, most_open_leaves);

@@ -1,4 +1,4 @@
-#include "builder/scattered/selection.h"
+#include "base/selection.h"
 
 #include <gtest/gtest.h>
 
