@@ -158,8 +158,12 @@ Sides match_all_sides(std::size_t vertices, std::span<const Tetrahedron> tetrahe
   std::vector<Sides> found((vertices + task_vertices - 1) / task_vertices);
   tbb::parallel_for(std::size_t{0}, found.size(), [&](std::size_t task) {
     SideMatcher matcher(tetrahedra, turns);
-    for (std::size_t v = task * task_vertices; v < std::min(vertices, (task + 1) * task_vertices); ++v)
+    const std::size_t end = std::min(vertices, (task + 1) * task_vertices);
+    for (std::size_t v = task * task_vertices; v < end; ++v) {
+      if (v + 1 < end)
+        for (const std::uint32_t t : incident[v + 1]) __builtin_prefetch(&tetrahedra[t]);
       matcher.match(static_cast<std::uint32_t>(v), incident[v], found[task]);
+    }
   });
   Sides all;
   for (const Sides& sides : found) {

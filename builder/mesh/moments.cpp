@@ -299,28 +299,20 @@ void merge(ValueMoments& a, const ValueMoments& b, const dvec3& shift) {
   a.max = std::max(a.max, b.max);
 }
 
-namespace {
-
-void list_tetrahedra(std::size_t points, std::span<const Tetrahedron> tetrahedra, IndexLists& lists) {
+IndexLists tetrahedra_at_points(std::size_t points, std::span<const Tetrahedron> tetrahedra) {
+  IndexLists lists;
   lists.assign(points, [&](const auto& add) {
     for (std::uint32_t t = 0; t < tetrahedra.size(); ++t)
       for (const std::uint32_t corner : tetrahedra[t]) add(corner, t);
   });
-}
-
-}  // namespace
-
-IndexLists tetrahedra_at_points(std::size_t points, std::span<const Tetrahedron> tetrahedra) {
-  IndexLists lists;
-  list_tetrahedra(points, tetrahedra, lists);
   return lists;
 }
 
-void VertexMaterial::assign(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra) {
-  positions_ = positions;
-  tetrahedra_ = tetrahedra;
-  masses_.resize(tetrahedra.size());
-  list_tetrahedra(positions.size(), tetrahedra, incident_);
+VertexMaterial::VertexMaterial(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra)
+    : positions_(positions),
+      tetrahedra_(tetrahedra),
+      incident_(tetrahedra_at_points(positions.size(), tetrahedra)),
+      masses_(tetrahedra.size()) {
   visit_side_by_side(positions, tetrahedra, [&](std::size_t t, std::size_t count, const TetrahedronLanes& corners) {
     const Lanes masses = quarter_masses(corners);
     for (std::size_t l = 0; l < count; ++l) masses_[t + l] = masses[l];
@@ -355,7 +347,13 @@ void VertexMaterial::make_block(std::span<const std::uint32_t> vertices, VertexB
   }
   block.quarters_.resize(block.begins_.back());
   VertexBlock::Quarter* quarter = block.quarters_.data();
-  for (const std::uint32_t vertex : vertices) {
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    const std::uint32_t vertex = vertices[v];
+    if (v + 1 < vertices.size())
+      for (const std::uint32_t t : incident_[vertices[v + 1]]) {
+        __builtin_prefetch(&tetrahedra_[t]);
+        __builtin_prefetch(&masses_[t]);
+      }
     double mass = 0;
     for (const std::uint32_t t : incident_[vertex]) {
       const Tetrahedron& corners = tetrahedra_[t];

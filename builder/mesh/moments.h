@@ -140,12 +140,7 @@ class VertexBlock {
 class VertexMaterial {
  public:
   VertexMaterial() = default;
-  VertexMaterial(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra) {
-    assign(positions, tetrahedra);
-  }
-
-  /// Takes another mesh; keeps its memory. Not thread-safe.
-  void assign(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra);
+  VertexMaterial(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra);
 
   /// Makes `block` that of these vertices, which must differ.
   void make_block(std::span<const std::uint32_t> vertices, VertexBlock& block) const;

@@ -106,8 +106,8 @@ Status PieceFaces::add_faces(std::span<const OuterFace> outer, const MakeFace& m
   return {};
 }
 
-Status PieceFaces::add(const Piece& piece, const IndexLists& incident, const HashOfPoint& hash) {
-  return add_faces(find_outer_faces(piece.points, piece.tetrahedra, incident), [&](const OuterFace& outer) {
+Status PieceFaces::add(const Piece& piece, std::span<const OuterFace> outer_faces, const HashOfPoint& hash) {
+  return add_faces(outer_faces, [&](const OuterFace& outer) {
     Face face{};
     std::array<dvec3, 3> positions;
     for (std::size_t c = 0; c < 3; ++c) {

@@ -31,8 +31,8 @@ class PieceFaces {
   /// on several threads.
   using HashOfPoint = std::function<std::uint64_t(std::size_t point)>;
 
-  /// Adds a piece with tetrahedra. `incident`: tetrahedra_at_points.
-  [[nodiscard]] Status add(const Piece& piece, const IndexLists& incident, const HashOfPoint& hash);
+  /// Adds a piece with tetrahedra. `outer_faces`: find_outer_faces.
+  [[nodiscard]] Status add(const Piece& piece, std::span<const OuterFace> outer_faces, const HashOfPoint& hash);
 
   /// Adds a piece whose points stand for whole cells. Faces are matched by their positions alone: two cells that touch
   /// have no boundary between them, whatever their values.

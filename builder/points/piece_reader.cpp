@@ -162,8 +162,11 @@ Status PieceReader::prepare(const Piece& piece) {
   prepared_.kept.resize(count);
   prepared_.has_mesh = layout_.has_material() && !piece.material && !piece.cells && !piece.tetrahedra.empty();
   if (prepared_.has_mesh)
-    tbb::parallel_invoke([&] { prepared_.mesh.assign(piece.points, piece.tetrahedra); },
-                         [&] { prepared_.heights = least_heights(piece.points, piece.tetrahedra); });
+    tbb::parallel_invoke(
+        [&] {
+          prepared_.mesh = {piece.points, piece.tetrahedra};
+        },
+        [&] { prepared_.heights = least_heights(piece.points, piece.tetrahedra); });
   prepared_.box = prepared_.in_cells_box = {};
   prepared_.in_no_cell = 0;
   for (const std::uint32_t i : prepared_.kept) {
@@ -196,8 +199,8 @@ Status PieceReader::read_prepared(const Piece& piece, const Visit& visit, const 
   if (progress) progress(begun);
   const std::size_t most = std::max<std::size_t>(slice_bytes_ / layout_.bytes(), slice_tasks);
   // Some records are made while the ones before them are visited.
-  tbb::task_group visiting;
   Status visited;
+  tbb::task_group visiting;
   for (std::size_t first = 0; first < kept.size(); first += most) {
     const std::size_t count = std::min(most, kept.size() - first);
     std::vector<ValueFacts> values = make_records(piece, kept.subspan(first, count), records_[1]);
@@ -212,7 +215,11 @@ Status PieceReader::read_prepared(const Piece& piece, const Visit& visit, const 
   visiting.wait();
   SPLATVOL_TRY(visited);
   ++piece_;
-  return add_faces(piece);
+  std::vector<OuterFace> outer;
+  if (prepared_.has_mesh) outer = find_outer_faces(piece.points, piece.tetrahedra, prepared_.mesh.incident());
+  const bool has_mesh = prepared_.has_mesh;
+  prepared_ = {};  // what follows takes memory of its own
+  return add_faces(piece, has_mesh, outer);
 }
 
 bool PieceReader::leave_out(const std::byte* record) {
@@ -329,7 +336,7 @@ void PieceReader::set_whole_cell(const Piece& piece, const Block& block, std::si
   }
 }
 
-Status PieceReader::add_faces(const Piece& piece) {
+Status PieceReader::add_faces(const Piece& piece, bool has_mesh, std::span<const OuterFace> outer) {
   const auto hash = [&](std::size_t point) {
     thread_local std::vector<std::byte> record;
     record.resize(layout_.bytes());
@@ -343,7 +350,7 @@ Status PieceReader::add_faces(const Piece& piece) {
     return hash_values(layout_, record.data());
   };
   if (layout_.has_material() && piece.cells && !piece.material) return faces_.add_cells(piece, hash);
-  return prepared_.has_mesh ? faces_.add(piece, prepared_.mesh.incident(), hash) : Status{};
+  return has_mesh ? faces_.add(piece, outer, hash) : Status{};
 }
 
 }  // namespace splatvol

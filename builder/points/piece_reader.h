@@ -140,7 +140,7 @@ class PieceReader {
   void set_mesh_material(const Piece& piece, const Block& block, std::byte* record) const;
   void set_known_material(const Piece& piece, std::size_t point, std::byte* record) const;
   void set_whole_cell(const Piece& piece, const Block& block, std::size_t number, std::byte* record) const;
-  [[nodiscard]] Status add_faces(const Piece& piece);
+  [[nodiscard]] Status add_faces(const Piece& piece, bool has_mesh, std::span<const OuterFace> outer);
   [[nodiscard]] bool has_cells() const { return facts_.in_cells.box.low.x <= facts_.in_cells.box.high.x; }
 
   Source& source_;
