@@ -162,11 +162,8 @@ Status PieceReader::prepare(const Piece& piece) {
   prepared_.kept.resize(count);
   prepared_.has_mesh = layout_.has_material() && !piece.material && !piece.cells && !piece.tetrahedra.empty();
   if (prepared_.has_mesh)
-    tbb::parallel_invoke(
-        [&] {
-          prepared_.mesh = {piece.points, piece.tetrahedra};
-        },
-        [&] { prepared_.heights = least_heights(piece.points, piece.tetrahedra); });
+    tbb::parallel_invoke([&] { prepared_.mesh = VertexMaterial(piece.points, piece.tetrahedra); },
+                         [&] { prepared_.heights = least_heights(piece.points, piece.tetrahedra); });
   prepared_.box = prepared_.in_cells_box = {};
   prepared_.in_no_cell = 0;
   for (const std::uint32_t i : prepared_.kept) {
