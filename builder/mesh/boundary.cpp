@@ -4,12 +4,13 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <functional>
 #include <limits>
 #include <utility>
 
-#include "builder/mesh/index_lists.h"
+#include "builder/mesh/lanes.h"
 
 namespace splatvol {
 namespace {
@@ -25,19 +26,17 @@ constexpr double farthest_square = 12;
 // The face of tetrahedron side / 4 that lies opposite its corner side % 4.
 using Side = std::uint64_t;
 
-Tetrahedron sorted(Tetrahedron corners) {
-  std::ranges::sort(corners);
-  return corners;
-}
-
-// A tetrahedron's turn: the sign of its volume, or 0 if it is flat up to rounding.
-int turn_of(std::span<const dvec3> positions, const Tetrahedron& corners) {
-  std::array<dvec3, 3> edges;
-  for (std::size_t k = 0; k < 3; ++k) edges[k] = positions[corners[k + 1]] - positions[corners[0]];
-  const double volume = glm::dot(edges[0], glm::cross(edges[1], edges[2]));
-  const double rounding = 4 * std::numeric_limits<double>::epsilon() * glm::length(edges[0]) * glm::length(edges[1]) *
-                          glm::length(edges[2]);
-  return volume > rounding ? 1 : volume < -rounding ? -1 : 0;
+// Turns of tetrahedra: the sign of the volume, or 0 if it is 0 up to rounding.
+LaneBits turns_of(const TetrahedronLanes& corners) {
+  const LaneVectors ab = corners.b - corners.a, ac = corners.c - corners.a, ad = corners.d - corners.a;
+  const auto length = [](const LaneVectors& edge) {
+    Lanes square = dot(edge, edge);
+    take_root(square);
+    return square;
+  };
+  const Lanes volume = dot(ab, cross(ac, ad));
+  const Lanes rounding = 4 * std::numeric_limits<double>::epsilon() * length(ab) * length(ac) * length(ad);
+  return (volume < -rounding) - (volume > rounding);
 }
 
 // The corners of a side, counterclockwise from outside if the tetrahedron's turn is 1.
@@ -53,10 +52,11 @@ IndexLists tetrahedra_at_low_vertices(std::size_t vertices, std::span<const Tetr
   IndexLists lists;
   lists.assign(vertices, [&](const auto& add) {
     for (std::uint32_t t = 0; t < tetrahedra.size(); ++t) {
-      const auto [a, b, c, d] = sorted(tetrahedra[t]);
-      if (a == b || b == c || c == d) continue;
-      add(a, t);
-      add(b, t);
+      const auto& [a, b, c, d] = tetrahedra[t];
+      const auto [low, high] = std::minmax(a, b);
+      const auto [other_low, other_high] = std::minmax(c, d);
+      add(std::min(low, other_low), t);
+      add(std::min({std::max(low, other_low), high, other_high}), t);
     }
   });
   return lists;
@@ -68,50 +68,102 @@ struct Sides {
   std::vector<std::pair<Side, Side>> at_flat;
 };
 
-// A side, found by its two higher vertices.
-struct Candidate {
-  std::uint64_t vertices;
-  Side side;
-  auto operator<=>(const Candidate&) const = default;
-};
+// Matches the sides at one vertex after the other.
+class SideMatcher {
+ public:
+  SideMatcher(std::span<const Tetrahedron> tetrahedra, std::span<const std::int8_t> turns)
+      : tetrahedra_(tetrahedra), turns_(turns) {}
 
-// Adds the sides whose lowest vertex is `vertex`. `candidates` is scratch memory.
-void match_sides(std::uint32_t vertex, std::span<const std::uint32_t> incident, std::span<const Tetrahedron> tetrahedra,
-                 std::span<const std::int8_t> turns, std::vector<Candidate>& candidates, Sides& sides) {
-  candidates.clear();
-  for (const std::uint32_t t : incident) {
-    const Tetrahedron order = sorted(tetrahedra[t]);
-    const auto add = [&](int omitted, std::uint32_t second, std::uint32_t third) {
-      const auto opposite = std::ranges::find(tetrahedra[t], order[static_cast<std::size_t>(omitted)]);
-      candidates.push_back(
-          {std::uint64_t{second} << 32 | third, 4 * Side{t} + static_cast<Side>(opposite - tetrahedra[t].begin())});
-    };
-    if (order[1] == vertex) {
-      add(0, order[2], order[3]);
-    } else {
-      add(1, order[2], order[3]);
-      add(2, order[1], order[3]);
-      add(3, order[1], order[2]);
+  // Adds the sides whose lowest vertex is `vertex`. `incident`: all tetrahedra that have such a side, ascending.
+  void match(std::uint32_t vertex, std::span<const std::uint32_t> incident, Sides& sides) {
+    collect(vertex, incident);
+    count();
+    std::erase_if(faces_, [&](const Face& face) {
+      return face.count > 2 || (face.count == 2 && turns_[face.first / 4] != 0 && turns_[face.last / 4] != 0);
+    });
+    std::ranges::sort(faces_, {}, &Face::vertices);
+    for (const Face& face : faces_)
+      if (face.count == 1)
+        sides.outer.push_back(face.first);
+      else
+        sides.at_flat.emplace_back(face.first, face.last);
+  }
+
+ private:
+  // A side, and its two higher vertices.
+  struct Candidate {
+    std::uint64_t vertices;
+    Side side;
+  };
+
+  // A face, and its sides.
+  struct Face {
+    std::uint64_t vertices;
+    Side first, last;
+    std::size_t count;
+  };
+
+  // Lists the sides whose lowest vertex is `vertex`. All are written, so that there are no branches that the processor
+  // cannot foresee.
+  void collect(std::uint32_t vertex, std::span<const std::uint32_t> incident) {
+    candidates_.resize(3 * incident.size());
+    count_ = 0;
+    for (const std::uint32_t t : incident) {
+      const Tetrahedron& corners = tetrahedra_[t];
+      if (names_twice(corners)) continue;
+      const std::size_t own = place_of(vertex, corners);
+      for (std::size_t k = 1; k < 4; ++k) {
+        const std::uint32_t a = corners[(own + k % 3 + 1) % 4], b = corners[(own + (k + 1) % 3 + 1) % 4];
+        const std::uint32_t low = std::min(a, b), high = std::max(a, b);
+        candidates_[count_] = {std::uint64_t{low} << 32 | high, 4 * Side{t} + (own + k) % 4};
+        count_ += low > vertex ? 1 : 0;
+      }
     }
   }
-  std::ranges::sort(candidates);
-  for (std::size_t begin = 0, end = 0; begin < candidates.size(); begin = end) {
-    while (end < candidates.size() && candidates[end].vertices == candidates[begin].vertices) ++end;
-    const Side first = candidates[begin].side, last = candidates[end - 1].side;
-    if (end - begin == 1) sides.outer.push_back(first);
-    if (end - begin == 2 && (turns[first / 4] == 0 || turns[last / 4] == 0)) sides.at_flat.emplace_back(first, last);
-  }
-}
 
-Sides match_all_sides(std::size_t vertices, std::span<const Tetrahedron> tetrahedra,
-                      std::span<const std::int8_t> turns) {
+  // Finds the faces of the listed sides, by a hash table.
+  void count() {
+    const std::size_t mask = std::bit_ceil(2 * count_ + 1) - 1;
+    slots_.assign(mask + 1, 0);
+    faces_.clear();
+    for (const Candidate& candidate : std::span(candidates_).first(count_)) {
+      std::size_t slot = candidate.vertices * 0x9e3779b97f4a7c15u >> 32 & mask;
+      while (slots_[slot] != 0 && faces_[slots_[slot] - 1].vertices != candidate.vertices) slot = (slot + 1) & mask;
+      if (slots_[slot] == 0) {
+        faces_.push_back({candidate.vertices, candidate.side, candidate.side, 0});
+        slots_[slot] = static_cast<std::uint32_t>(faces_.size());
+      }
+      Face& face = faces_[slots_[slot] - 1];
+      face.last = candidate.side;
+      ++face.count;
+    }
+  }
+
+  static bool names_twice(const Tetrahedron& corners) {
+    const auto& [a, b, c, d] = corners;
+    return (a == b) | (a == c) | (a == d) | (b == c) | (b == d) | (c == d);
+  }
+
+  std::span<const Tetrahedron> tetrahedra_;
+  std::span<const std::int8_t> turns_;
+  std::vector<Candidate> candidates_;
+  std::size_t count_ = 0;  // of candidates
+  std::vector<Face> faces_;
+  std::vector<std::uint32_t> slots_;  // 1 + number of a face; 0: empty
+};
+
+Sides match_all_sides(std::size_t vertices, std::span<const Tetrahedron> tetrahedra, std::span<const std::int8_t> turns,
+                      const IndexLists& incident) {
   constexpr std::size_t task_vertices = 4096;
-  const IndexLists incident = tetrahedra_at_low_vertices(vertices, tetrahedra);
   std::vector<Sides> found((vertices + task_vertices - 1) / task_vertices);
   tbb::parallel_for(std::size_t{0}, found.size(), [&](std::size_t task) {
-    std::vector<Candidate> candidates;
-    for (std::size_t v = task * task_vertices; v < std::min(vertices, (task + 1) * task_vertices); ++v)
-      match_sides(static_cast<std::uint32_t>(v), incident[v], tetrahedra, turns, candidates, found[task]);
+    SideMatcher matcher(tetrahedra, turns);
+    const std::size_t end = std::min(vertices, (task + 1) * task_vertices);
+    for (std::size_t v = task * task_vertices; v < end; ++v) {
+      if (v + 1 < end)
+        for (const std::uint32_t t : incident[v + 1]) __builtin_prefetch(&tetrahedra[t]);
+      matcher.match(static_cast<std::uint32_t>(v), incident[v], found[task]);
+    }
   });
   Sides all;
   for (const Sides& sides : found) {
@@ -168,10 +220,17 @@ BoundaryPlane largest_group(std::vector<BoundaryPlane>& planes) {
 }  // namespace
 
 std::vector<OuterFace> find_outer_faces(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra) {
+  return find_outer_faces(positions, tetrahedra, tetrahedra_at_low_vertices(positions.size(), tetrahedra));
+}
+
+std::vector<OuterFace> find_outer_faces(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra,
+                                        const IndexLists& incident) {
   std::vector<std::int8_t> turns(tetrahedra.size());
-  tbb::parallel_for(std::size_t{0}, tetrahedra.size(),
-                    [&](std::size_t t) { turns[t] = static_cast<std::int8_t>(turn_of(positions, tetrahedra[t])); });
-  Sides sides = match_all_sides(positions.size(), tetrahedra, turns);
+  visit_side_by_side(positions, tetrahedra, [&](std::size_t t, std::size_t count, const TetrahedronLanes& corners) {
+    const LaneBits of_lanes = turns_of(corners);
+    for (std::size_t l = 0; l < count; ++l) turns[t + l] = static_cast<std::int8_t>(of_lanes[l]);
+  });
+  Sides sides = match_all_sides(positions.size(), tetrahedra, turns, incident);
   turn_flat(tetrahedra, std::move(sides.at_flat), turns);
   std::vector<OuterFace> faces;
   faces.reserve(sides.outer.size());

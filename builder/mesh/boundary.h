@@ -25,6 +25,11 @@ struct OuterFace {
 [[nodiscard]] std::vector<OuterFace> find_outer_faces(std::span<const dvec3> positions,
                                                       std::span<const Tetrahedron> tetrahedra);
 
+/// The same, in less time. `incident`: tetrahedra_at_points.
+[[nodiscard]] std::vector<OuterFace> find_outer_faces(std::span<const dvec3> positions,
+                                                      std::span<const Tetrahedron> tetrahedra,
+                                                      const IndexLists& incident);
+
 /// A plane through part of the boundary.
 struct BoundaryPlane {
   dvec3 area{0};      // outward normal; its length is the area that the plane stands for. 0: no plane

@@ -1,12 +1,13 @@
 #include "builder/mesh/moments.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <numeric>
 #include <optional>
 #include <utility>
+
+#include "builder/mesh/lanes.h"
 
 namespace splatvol {
 namespace {
@@ -29,175 +30,135 @@ SymmetricMatrix operator+(const SymmetricMatrix& a, const SymmetricMatrix& b) {
 
 SymmetricMatrix square(const dvec3& d) { return {d.x * d.x, d.y * d.y, d.z * d.z, d.x * d.y, d.x * d.z, d.y * d.z}; }
 
-// A quarter of the tetrahedron's volume; 0 if the tetrahedron is flat, or too large for double precision.
-double quarter_mass(std::span<const dvec3> positions, const Tetrahedron& corners) {
-  std::array<dvec3, 3> edges;
-  for (std::size_t k = 0; k < 3; ++k) edges[k] = positions[corners[k + 1]] - positions[corners[0]];
-  const double mass = std::abs(glm::dot(edges[0], glm::cross(edges[1], edges[2]))) / 24;
-  const double squares = glm::dot(edges[0], edges[0]) + glm::dot(edges[1], edges[1]) + glm::dot(edges[2], edges[2]);
-  return std::isfinite(mass) && std::isfinite(squares) ? mass : 0;
+// Quarters of the tetrahedra's volumes; 0 if a tetrahedron is flat, or too large for double precision.
+Lanes quarter_masses(const TetrahedronLanes& corners) {
+  const LaneVectors ab = corners.b - corners.a, ac = corners.c - corners.a, ad = corners.d - corners.a;
+  const Lanes mass = magnitude(dot(ab, cross(ac, ad))) / 24;
+  const Lanes squares = dot(ab, ab) + dot(ac, ac) + dot(ad, ad);
+  return is_finite(mass) & is_finite(squares) ? mass : Lanes{};
 }
 
-// The quarter of a tetrahedron that one of its vertices owns. Everything is relative to this vertex, so that a position
-// far from the origin costs no precision.
-struct Quarter {
-  std::array<std::uint32_t, 3> others;
-  std::array<dvec3, 3> edges;
-  double mass;
-  double weight;  // share of the mass that the vertex owns
+// Quarters of four vertices side by side, one of each. Everything is relative to the vertex, so that a position far
+// from the origin costs no precision.
+struct LaneQuarter {
+  LaneVectors edges[3];
+  LaneVectors sum;  // of the edges
+  Lanes mass, weight;
 
-  [[nodiscard]] dvec3 sum() const { return edges[0] + edges[1] + edges[2]; }
+  // `of_vertices`: the masses of all their quarters.
+  LaneQuarter(const LaneVectors& a, const LaneVectors& b, const LaneVectors& c, const Lanes& own_mass,
+              const Lanes& of_vertices)
+      : edges{a, b, c}, sum(a + b + c), mass(own_mass), weight(of_vertices > 0 ? own_mass / of_vertices : Lanes{}) {}
 };
+
+// Numbers, or positions, side by side.
+inline Lanes gather(std::span<const double> numbers, const std::array<std::uint32_t, lanes>& at) {
+  return Lanes{numbers[at[0]], numbers[at[1]], numbers[at[2]], numbers[at[3]]};
+}
+inline LaneVectors gather(std::span<const dvec3> positions, const std::array<std::uint32_t, lanes>& at) {
+  return lanes_of(positions[at[0]], positions[at[1]], positions[at[2]], positions[at[3]]);
+}
+
+// Adds `term` in the lanes that count.
+inline void add(Lanes& sum, const LaneBits& counts, const Lanes& term) { sum = counts ? sum + term : sum; }
+inline void add(LaneVectors& sum, const LaneBits& counts, const LaneVectors& term) {
+  add(sum.x, counts, term.x), add(sum.y, counts, term.y), add(sum.z, counts, term.z);
+}
+
+// Sums over quarters, as SpatialMoments before and after finish(). The mass is known before.
+struct LaneSpace {
+  Lanes mass{};
+  LaneVectors centroid{};
+  LaneVectors squares{}, products{};  // of the covariance: xx, yy, zz; xy, xz, yz
+
+  [[nodiscard]] SpatialMoments moments(std::size_t l) const {
+    return {
+        mass[l], centroid[l], {squares.x[l], squares.y[l], squares.z[l], products.x[l], products.y[l], products.z[l]}};
+  }
+};
+
+inline LaneVectors squares_of(const LaneVectors& d) { return {d.x * d.x, d.y * d.y, d.z * d.z}; }
+inline LaneVectors products_of(const LaneVectors& d) { return {d.x * d.y, d.x * d.z, d.y * d.z}; }
 
 // Adds raw moments about the vertex, times the quarter's weight. The vertex lies at its material, so that little
 // cancels when they become central moments.
-void add(SpatialMoments& sums, const Quarter& quarter) {
-  const dvec3 sum = quarter.sum();
-  sums.mass += quarter.mass;
-  sums.centroid += quarter.weight * sum;
-  sums.covariance =
-      sums.covariance +
-      quarter.weight * own_square * (square(quarter.edges[0]) + square(quarter.edges[1]) + square(quarter.edges[2]));
-  sums.covariance = sums.covariance + quarter.weight * common_square * square(sum);
+inline void add(LaneSpace& sums, const LaneQuarter& quarter) {
+  const LaneBits counts = quarter.mass > 0;
+  const auto& [a, b, c] = quarter.edges;
+  const Lanes own = quarter.weight * own_square, common = quarter.weight * common_square;
+  add(sums.centroid, counts, quarter.weight * quarter.sum);
+  add(sums.squares, counts, own * (squares_of(a) + squares_of(b) + squares_of(c)));
+  add(sums.products, counts, own * (products_of(a) + products_of(b) + products_of(c)));
+  add(sums.squares, counts, common * squares_of(quarter.sum));
+  add(sums.products, counts, common * products_of(quarter.sum));
 }
 
-void finish(SpatialMoments& sums) {
-  sums.centroid *= mean_share;
-  sums.covariance = sums.covariance + -1.0 * square(sums.centroid);
+inline void finish(LaneSpace& sums) {
+  sums.centroid = (Lanes{} + mean_share) * sums.centroid;
+  sums.squares = sums.squares - squares_of(sums.centroid);
+  sums.products = sums.products - products_of(sums.centroid);
 }
 
-// Adds the moments of a value, which is relative to the value at the vertex.
-void add(ValueMoments& sums, const Quarter& quarter, std::span<const double> values, double own) {
-  dvec3 rise;
-  for (std::size_t k = 0; k < 3; ++k) rise[static_cast<int>(k)] = values[quarter.others[k]] - own;
-  const double total = rise.x + rise.y + rise.z;
-  if (!std::isfinite(total)) return;
-  const dvec3 sum = quarter.sum();
-  const double weight = quarter.weight;
-  sums.mass += quarter.mass;
-  sums.centroid += weight * sum;
-  sums.mean += weight * total;
-  sums.variance += weight * (own_square * glm::dot(rise, rise) + common_square * total * total);
-  sums.covariance +=
-      weight * own_square * (rise.x * quarter.edges[0] + rise.y * quarter.edges[1] + rise.z * quarter.edges[2]);
-  sums.covariance += weight * common_square * total * sum;
-
-  // A linear value is extreme at a corner of the quarter: the vertex, or the middle of an edge, a face or the
-  // tetrahedron.
-  double low = 0, high = 0;
-  for (const double corner : {rise.x / 2, rise.y / 2, rise.z / 2, third * (rise.x + rise.y), third * (rise.y + rise.z),
-                              third * (rise.z + rise.x), total / 4}) {
-    low = std::min(low, corner);
-    high = std::max(high, corner);
-  }
-  sums.min = std::min(sums.min, own + low);
-  sums.max = std::max(sums.max, own + high);
-}
-
-// `mass`: of all material that the vertex owns, with and without a value.
-void finish(ValueMoments& sums, double mass, double own) {
-  if (!(sums.mass > 0)) return;
-  const double share = mass / sums.mass;
-  sums.centroid *= share * mean_share;
-  sums.mean *= share * mean_share;
-  sums.variance = share * sums.variance - sums.mean * sums.mean;
-  sums.covariance = share * sums.covariance - sums.mean * sums.centroid;
-  sums.mean += own;
-}
-
-// Numbers of different matrices or attributes, side by side: the processor waits for their roots and quotients only
-// once.
-constexpr std::size_t lanes = shapes_at_once;
-using Lanes [[gnu::vector_size(lanes * sizeof(double))]] = double;
-using LaneBits [[gnu::vector_size(lanes * sizeof(double))]] = std::int64_t;
-
-constexpr LaneBits sign_bit = LaneBits{} + std::numeric_limits<std::int64_t>::min();
-
-inline void take_root(Lanes& x) {
-  for (std::size_t l = 0; l < lanes; ++l) x[l] = std::sqrt(x[l]);
-}
-inline Lanes magnitude(const Lanes& x) { return std::bit_cast<Lanes>(std::bit_cast<LaneBits>(x) & ~sign_bit); }
-inline bool any(const LaneBits& mask) {
-  std::int64_t all = 0;
-  for (std::size_t l = 0; l < lanes; ++l) all |= mask[l];
-  return all != 0;
-}
-
-static_assert(lanes == ValueTable::lanes);
-
-inline Lanes lanes_of(const ValueTable::Row& row) { return std::bit_cast<Lanes>(row); }
-
-// A quarter, with all that does not depend on values.
-struct MeasuredQuarter {
-  Quarter quarter;
-  dvec3 sum;      // of the edges
-  dvec3 squares;  // of the edges' lengths
-};
-
-// Sums over the quarters of a vertex, as ValueMoments and a gradient before finish().
+// Sums over quarters, as ValueMoments and a gradient before and after finish(), and the value at the vertex.
 struct LaneSums {
+  Lanes own{};
   Lanes mass{}, mean{}, variance{};
   Lanes min = Lanes{} + std::numeric_limits<double>::infinity();
   Lanes max = Lanes{} - std::numeric_limits<double>::infinity();
-  Lanes centroid[3] = {}, covariance[3] = {}, gradient[3] = {};
+  LaneVectors centroid{}, covariance{}, gradient{};
 
-  [[nodiscard]] VertexValue value(std::size_t lane) const {
-    VertexValue result;
-    ValueMoments& moments = result.moments;
-    moments.mass = mass[lane], moments.mean = mean[lane], moments.variance = variance[lane];
-    moments.min = min[lane], moments.max = max[lane];
-    for (int k = 0; k < 3; ++k) {
-      moments.centroid[k] = centroid[k][lane];
-      moments.covariance[k] = covariance[k][lane];
-      result.gradient[k] = gradient[k][lane];
-    }
-    return result;
+  [[nodiscard]] VertexValue value(std::size_t l) const {
+    return {{mass[l], centroid[l], mean[l], variance[l], covariance[l], min[l], max[l]}, gradient[l]};
   }
 };
 
-inline LaneBits is_finite(const Lanes& x) { return x - x == 0; }
+// Adds the moments of a value. `rise`: from the value at the vertex to those at the other corners.
+inline void add_moments(LaneSums& sums, const LaneQuarter& quarter, const LaneVectors& rise) {
+  const Lanes total = rise.x + rise.y + rise.z;
+  const LaneBits counts = is_finite(total) & (quarter.mass > 0);
+  const auto& [a, b, c] = quarter.edges;
+  const Lanes& weight = quarter.weight;
+  const Lanes own = weight * own_square, common = weight * common_square;
+  add(sums.mass, counts, quarter.mass);
+  add(sums.mean, counts, weight * total);
+  add(sums.variance, counts, weight * (own_square * dot(rise, rise) + common_square * total * total));
+  add(sums.centroid, counts, weight * quarter.sum);
+  add(sums.covariance, counts, own * (rise.x * a + rise.y * b + rise.z * c));
+  add(sums.covariance, counts, common * total * quarter.sum);
 
-// As the add() of one value, in the same order of operations.
-inline void add_moments(LaneSums& sums, const MeasuredQuarter& measured, const Lanes (&rise)[3], const Lanes& own) {
-  const Lanes total = rise[0] + rise[1] + rise[2];
-  const LaneBits counts = is_finite(total);
-  const auto add = [&](Lanes& to, const Lanes& term) { to = counts ? to + term : to; };
-  const Quarter& quarter = measured.quarter;
-  const double weight = quarter.weight;
-  add(sums.mass, Lanes{} + quarter.mass);
-  add(sums.mean, weight * total);
-  add(sums.variance, weight * (own_square * (rise[0] * rise[0] + rise[1] * rise[1] + rise[2] * rise[2]) +
-                               common_square * total * total));
-  for (int k = 0; k < 3; ++k) {
-    add(sums.centroid[k], Lanes{} + weight * measured.sum[k]);
-    add(sums.covariance[k],
-        weight * own_square *
-            (rise[0] * quarter.edges[0][k] + rise[1] * quarter.edges[1][k] + rise[2] * quarter.edges[2][k]));
-    add(sums.covariance[k], weight * common_square * total * measured.sum[k]);
-  }
+  // A linear value is extreme at a corner of the quarter: the vertex, or the middle of an edge, a face or the
+  // tetrahedron.
   Lanes low{}, high{};
-  for (const Lanes& corner : {rise[0] / 2, rise[1] / 2, rise[2] / 2, third * (rise[0] + rise[1]),
-                              third * (rise[1] + rise[2]), third * (rise[2] + rise[0]), total / 4}) {
+  const auto include = [&](const Lanes& corner) {
     low = corner < low ? corner : low;
     high = corner > high ? corner : high;
-  }
-  low += own, high += own;
+  };
+  include(rise.x / 2), include(rise.y / 2), include(rise.z / 2);
+  include(third * (rise.x + rise.y)), include(third * (rise.y + rise.z)), include(third * (rise.z + rise.x));
+  include(total / 4);
+  low += sums.own, high += sums.own;
   sums.min = (counts & (low < sums.min)) ? low : sums.min;
   sums.max = (counts & (high > sums.max)) ? high : sums.max;
 }
 
-inline void add_gradient(LaneSums& sums, const MeasuredQuarter& measured, const Lanes (&rise)[3]) {
-  for (int e = 0; e < 3; ++e) {
-    const Lanes slope = rise[e] / measured.squares[e];
-    const dvec3& edge = measured.quarter.edges[static_cast<std::size_t>(e)];
-    const Lanes difference[3] = {slope * edge.x, slope * edge.y, slope * edge.z};
-    const LaneBits counts = is_finite(difference[0] + difference[1] + difference[2]);
-    for (int k = 0; k < 3; ++k) sums.gradient[k] = counts ? sums.gradient[k] + difference[k] : sums.gradient[k];
-  }
+inline void add_gradient(LaneSums& sums, const LaneQuarter& quarter, const LaneVectors& rise) {
+  const auto add_along = [&](const LaneVectors& edge, const Lanes& rise_along) {
+    const LaneVectors difference = rise_along / dot(edge, edge) * edge;
+    add(sums.gradient, is_finite(difference.x + difference.y + difference.z), difference);
+  };
+  add_along(quarter.edges[0], rise.x), add_along(quarter.edges[1], rise.y), add_along(quarter.edges[2], rise.z);
 }
 
-// Spreads numbers that are often near each other over a hash table.
-constexpr std::size_t hash_of(std::uint32_t vertex) { return vertex * std::size_t{0x9e3779b97f4a7c15} >> 32; }
+// `mass`: of all material that each vertex owns, with and without a value.
+inline void finish(LaneSums& sums, const Lanes& mass) {
+  const LaneBits any = sums.mass > 0;
+  const Lanes share = any ? mass / sums.mass : Lanes{};
+  sums.centroid = share * mean_share * sums.centroid;
+  sums.mean *= share * mean_share;
+  sums.variance = share * sums.variance - sums.mean * sums.mean;
+  sums.covariance = share * sums.covariance - sums.mean * sums.centroid;
+  sums.mean = any ? sums.mean + sums.own : sums.mean;
+}
 
 // Symmetric matrices while they become diagonal: at the end, eigenvalues, and eigenvectors as columns.
 struct Decomposition {
@@ -353,134 +314,124 @@ VertexMaterial::VertexMaterial(std::span<const dvec3> positions, std::span<const
       tetrahedra_(tetrahedra),
       incident_(tetrahedra_at_points(positions.size(), tetrahedra)),
       masses_(tetrahedra.size()) {
-  tbb::parallel_for(std::size_t{0}, tetrahedra.size(),
-                    [&](std::size_t t) { masses_[t] = quarter_mass(positions, tetrahedra[t]); });
-}
-
-// Calls add_quarter(quarter) for each tetrahedron at a vertex; returns the mass of all quarters.
-template <class Add>
-double VertexMaterial::visit(std::size_t vertex, Add add_quarter) const {
-  const std::span<const std::uint32_t> incident = incident_[vertex];
-  double mass = 0;
-  for (const std::uint32_t t : incident) mass += masses_[t];
-  for (const std::uint32_t t : incident) {
-    const Tetrahedron& corners = tetrahedra_[t];
-    const auto own = static_cast<std::size_t>(std::ranges::find(corners, vertex) - corners.begin());
-    Quarter quarter;
-    for (std::size_t k = 0; k < 3; ++k) {
-      quarter.others[k] = corners[(own + 1 + k) % 4];
-      quarter.edges[k] = positions_[quarter.others[k]] - positions_[vertex];
-    }
-    quarter.mass = masses_[t];
-    quarter.weight = mass > 0 ? masses_[t] / mass : 0;
-    add_quarter(quarter);
-  }
-  return mass;
-}
-
-SpatialMoments VertexMaterial::moments(std::size_t vertex) const {
-  SpatialMoments sums;
-  visit(vertex, [&](const Quarter& quarter) {
-    if (quarter.mass > 0) add(sums, quarter);
+  visit_side_by_side(positions, tetrahedra, [&](std::size_t t, std::size_t count, const TetrahedronLanes& corners) {
+    const Lanes masses = quarter_masses(corners);
+    for (std::size_t l = 0; l < count; ++l) masses_[t + l] = masses[l];
   });
-  finish(sums);
-  return sums;
 }
 
-ValueMoments VertexMaterial::value_moments(std::size_t vertex, std::span<const double> values) const {
-  ValueMoments sums;
-  const double mass = visit(vertex, [&](const Quarter& quarter) {
-    if (quarter.mass > 0) add(sums, quarter, values, values[vertex]);
-  });
-  finish(sums, mass, values[vertex]);
-  return sums;
-}
-
-dvec3 VertexMaterial::gradient(std::size_t vertex, std::span<const double> values) const {
-  dvec3 gradient(0);
-  visit(vertex, [&](const Quarter& quarter) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      const double rise = values[quarter.others[k]] - values[vertex];
-      const dvec3 difference = rise / glm::dot(quarter.edges[k], quarter.edges[k]) * quarter.edges[k];
-      if (std::isfinite(difference.x + difference.y + difference.z)) gradient += difference;
-    }
-  });
-  return gradient;
-}
-
-void VertexBlock::clear() {
+void VertexBlock::clear(std::size_t mesh_vertices) {
+  for (const std::uint32_t vertex : vertices_) numbers_[vertex] = 0;
+  numbers_.resize(std::max(numbers_.size(), mesh_vertices));
   vertices_.clear();
-  others_.clear();
-  begins_.clear();
-  std::ranges::fill(slots_, 0u);
-}
-
-// Doubles the hash table.
-void VertexBlock::grow() {
-  slots_.assign(std::max<std::size_t>(2 * slots_.size(), 1024), 0);
-  const std::size_t mask = slots_.size() - 1;
-  for (std::uint32_t number = 0; number < vertices_.size(); ++number) {
-    std::size_t slot = hash_of(vertices_[number]) & mask;
-    while (slots_[slot] != 0) slot = (slot + 1) & mask;
-    slots_[slot] = number + 1;
-  }
+  positions_.clear();
+  masses_.clear();
+  begins_.assign(1, 0);
 }
 
 // Returns the vertex's new number, and gives it one if it has none.
-std::uint32_t VertexBlock::number_of(std::uint32_t vertex) {
-  if (2 * vertices_.size() >= slots_.size()) grow();
-  const std::size_t mask = slots_.size() - 1;
-  std::size_t slot = hash_of(vertex) & mask;
-  for (; slots_[slot] != 0; slot = (slot + 1) & mask)
-    if (vertices_[slots_[slot] - 1] == vertex) return slots_[slot] - 1;
-  vertices_.push_back(vertex);
-  slots_[slot] = static_cast<std::uint32_t>(vertices_.size());
-  return slots_[slot] - 1;
+std::uint32_t VertexBlock::number_of(std::uint32_t vertex, std::span<const dvec3> positions) {
+  std::uint32_t& number = numbers_[vertex];
+  if (number == 0) {
+    vertices_.push_back(vertex);
+    positions_.push_back(positions[vertex]);
+    number = static_cast<std::uint32_t>(vertices_.size());
+  }
+  return number - 1;
 }
 
 void VertexMaterial::make_block(std::span<const std::uint32_t> vertices, VertexBlock& block) const {
-  block.clear();
-  for (const std::uint32_t vertex : vertices) block.number_of(vertex);
+  block.clear(positions_.size());
   for (const std::uint32_t vertex : vertices) {
-    block.begins_.push_back(block.others_.size());
+    block.number_of(vertex, positions_);
+    block.begins_.push_back(block.begins_.back() + incident_[vertex].size());
+  }
+  block.quarters_.resize(block.begins_.back());
+  VertexBlock::Quarter* quarter = block.quarters_.data();
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    const std::uint32_t vertex = vertices[v];
+    if (v + 1 < vertices.size())
+      for (const std::uint32_t t : incident_[vertices[v + 1]]) {
+        __builtin_prefetch(&tetrahedra_[t]);
+        __builtin_prefetch(&masses_[t]);
+      }
+    double mass = 0;
     for (const std::uint32_t t : incident_[vertex]) {
       const Tetrahedron& corners = tetrahedra_[t];
-      const auto own = static_cast<std::size_t>(std::ranges::find(corners, vertex) - corners.begin());
-      std::array<std::uint32_t, 3>& others = block.others_.emplace_back();
-      for (std::size_t k = 0; k < 3; ++k) others[k] = block.number_of(corners[(own + 1 + k) % 4]);
+      const std::size_t own = place_of(vertex, corners);
+      for (std::size_t k = 0; k < 3; ++k) quarter->others[k] = block.number_of(corners[(own + 1 + k) % 4], positions_);
+      quarter->mass = masses_[t];
+      mass += masses_[t];
+      ++quarter;
     }
+    block.masses_.push_back(mass);
   }
 }
 
-SpatialMoments VertexMaterial::find_values(const VertexBlock& block, std::size_t number, const ValueTable& table,
-                                           bool gradients, std::span<VertexValue> values) const {
-  thread_local std::vector<MeasuredQuarter> quarters;
-  quarters.clear();
-  SpatialMoments space;
-  const double mass = visit(block.vertices_[number], [&](const Quarter& quarter) {
-    if (quarter.mass > 0) add(space, quarter);
-    const auto& [a, b, c] = quarter.edges;
-    MeasuredQuarter& measured = quarters.emplace_back(
-        MeasuredQuarter{quarter, quarter.sum(), {glm::dot(a, a), glm::dot(b, b), glm::dot(c, c)}});
-    measured.quarter.others = block.others_[block.begins_[number] + quarters.size() - 1];
-  });
-  finish(space);
-  for (std::size_t first = 0; first < table.attributes(); first += lanes) {
-    const std::span<const ValueTable::Row> rows = table.rows(first);
-    const Lanes own = lanes_of(rows[number]);
-    LaneSums sums;
-    for (const MeasuredQuarter& measured : quarters) {
-      const auto& [a, b, c] = measured.quarter.others;
-      const Lanes rise[3] = {lanes_of(rows[a]) - own, lanes_of(rows[b]) - own, lanes_of(rows[c]) - own};
-      if (measured.quarter.mass > 0) add_moments(sums, measured, rise, own);
-      if (gradients) add_gradient(sums, measured, rise);
+void VertexMaterial::find_values(std::size_t begin, std::size_t end, std::span<const std::vector<double>> values,
+                                 bool gradients, VertexBlock& block, const VertexBlock::VisitVertex& visit) const {
+  constexpr std::size_t at_once = 1024;
+  std::vector<std::uint32_t> vertices;
+  ValueTable table;
+  for (std::size_t first = begin; first < end; first += at_once) {
+    vertices.resize(std::min(at_once, end - first));
+    std::iota(vertices.begin(), vertices.end(), static_cast<std::uint32_t>(first));
+    make_block(vertices, block);
+    table.resize(block.vertices().size(), values.size());
+    for (std::size_t a = 0; a < values.size(); ++a)
+      std::ranges::transform(block.vertices(), table.column(a).begin(), [&](std::uint32_t v) { return values[a][v]; });
+    block.find_values(table, gradients, [&](std::size_t number, const SpatialMoments& space, const auto& found) {
+      visit(first - begin + number, space, found);
+    });
+  }
+}
+
+void VertexBlock::find_values(const ValueTable& table, bool gradients, const VisitVertex& visit) const {
+  std::vector<LaneSums> sums(table.attributes());
+  std::vector<VertexValue> values(table.attributes());
+  for (std::size_t first = 0; first < masses_.size(); first += lanes) {
+    // A lane whose vertex has no more quarters gets one without extent and mass, which adds nothing.
+    const std::size_t used = std::min(lanes, masses_.size() - first);
+    std::array<std::uint32_t, lanes> numbers;
+    std::array<Quarter, lanes> none;
+    std::array<std::span<const Quarter>, lanes> quarters;
+    std::size_t most = 0;
+    for (std::size_t l = 0; l < lanes; ++l) {
+      const auto number = numbers[l] = static_cast<std::uint32_t>(first + std::min(l, used - 1));
+      none[l] = {{number, number, number}, 0};
+      quarters[l] = std::span(quarters_).subspan(begins_[number], begins_[number + 1] - begins_[number]);
+      most = std::max(most, quarters[l].size());
     }
-    for (std::size_t lane = 0; lane < lanes && first + lane < table.attributes(); ++lane) {
-      values[first + lane] = sums.value(lane);
-      finish(values[first + lane].moments, mass, own[lane]);
+    LaneSpace space{.mass = gather(std::span(masses_), numbers)};
+    const LaneVectors own = gather(std::span(positions_), numbers);
+    for (std::size_t a = 0; a < sums.size(); ++a) sums[a] = {.own = gather(table.column(a), numbers)};
+
+    for (std::size_t q = 0; q < most; ++q) {
+      std::array<const Quarter*, lanes> four;
+      for (std::size_t l = 0; l < lanes; ++l) four[l] = q < quarters[l].size() ? &quarters[l][q] : &none[l];
+      const auto corners = [&](std::size_t k) {
+        return std::array{four[0]->others[k], four[1]->others[k], four[2]->others[k], four[3]->others[k]};
+      };
+      const std::array a = corners(0), b = corners(1), c = corners(2);
+      const auto edge = [&](const auto& to) { return gather(std::span(positions_), to) - own; };
+      const Lanes masses{four[0]->mass, four[1]->mass, four[2]->mass, four[3]->mass};
+      const LaneQuarter quarter(edge(a), edge(b), edge(c), masses, space.mass);
+      add(space, quarter);
+      for (std::size_t i = 0; i < sums.size(); ++i) {
+        const std::span<const double> column = table.column(i);
+        const Lanes& value = sums[i].own;
+        const LaneVectors rise{gather(column, a) - value, gather(column, b) - value, gather(column, c) - value};
+        add_moments(sums[i], quarter, rise);
+        if (gradients) add_gradient(sums[i], quarter, rise);
+      }
+    }
+    finish(space);
+    for (LaneSums& of_attribute : sums) finish(of_attribute, space.mass);
+    for (std::size_t l = 0; l < used; ++l) {
+      for (std::size_t i = 0; i < sums.size(); ++i) values[i] = sums[i].value(l);
+      visit(first + l, space.moments(l), values);
     }
   }
-  return space;
 }
 
 std::array<SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments) {

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <span>
 #include <vector>
@@ -39,6 +40,13 @@ struct ValueMoments {
 
 using Tetrahedron = std::array<std::uint32_t, 4>;
 
+/// The first place of a vertex among the corners. Has no branches, which the processor could not foresee.
+inline std::size_t place_of(std::uint32_t vertex, const Tetrahedron& corners) {
+  std::size_t place = 3;
+  for (const std::size_t k : {2u, 1u, 0u}) place = corners[k] == vertex ? k : place;
+  return place;
+}
+
 /// Adds weight * d d^T to `sum`.
 inline void add_square(SymmetricMatrix& sum, double weight, const dvec3& d) {
   sum.xx += weight * d.x * d.x, sum.yy += weight * d.y * d.y, sum.zz += weight * d.z * d.z;
@@ -53,12 +61,15 @@ void merge(ValueMoments& a, const ValueMoments& b, const dvec3& shift);
 /// Lists the tetrahedra at each point by their numbers, ascending; twice if a tetrahedron names the point twice.
 [[nodiscard]] IndexLists tetrahedra_at_points(std::size_t points, std::span<const Tetrahedron> tetrahedra);
 
-/// Values of several attributes at the vertices of a mesh, four attributes side by side.
+/// The material of a vertex that has a value of an attribute, and the direction of the value's gradient there.
+struct VertexValue {
+  ValueMoments moments;
+  dvec3 gradient{0};  // of any length
+};
+
+/// Values of several attributes at the vertices of a mesh.
 class ValueTable {
  public:
-  static constexpr std::size_t lanes = 4;
-  using Row = std::array<double, lanes>;
-
   ValueTable() = default;
   ValueTable(std::size_t vertices, std::size_t attributes) { resize(vertices, attributes); }
 
@@ -66,80 +77,81 @@ class ValueTable {
   void resize(std::size_t vertices, std::size_t attributes) {
     vertices_ = vertices;
     attributes_ = attributes;
-    rows_.resize((attributes + lanes - 1) / lanes * vertices);
+    values_.resize(vertices * attributes);
   }
 
   [[nodiscard]] std::size_t attributes() const { return attributes_; }
 
-  [[nodiscard]] double& at(std::size_t vertex, std::size_t attribute) {
-    return rows_[attribute / lanes * vertices_ + vertex][attribute % lanes];
+  /// The values of an attribute: [vertex].
+  [[nodiscard]] std::span<double> column(std::size_t attribute) {
+    return std::span(values_).subspan(attribute * vertices_, vertices_);
   }
-  [[nodiscard]] double at(std::size_t vertex, std::size_t attribute) const {
-    return rows_[attribute / lanes * vertices_ + vertex][attribute % lanes];
-  }
-
-  /// The attributes from `first` on, a multiple of `lanes`: [vertex]. Attributes beyond the last have any value.
-  [[nodiscard]] std::span<const Row> rows(std::size_t first) const {
-    return std::span(rows_).subspan(first / lanes * vertices_, vertices_);
+  [[nodiscard]] std::span<const double> column(std::size_t attribute) const {
+    return std::span(values_).subspan(attribute * vertices_, vertices_);
   }
 
  private:
   std::size_t vertices_ = 0, attributes_ = 0;
-  std::vector<Row> rows_;
+  std::vector<double> values_;
 };
 
 /// Some vertices of a mesh, and the corners of all tetrahedra at them, numbered anew: the vertices whose values decide
-/// on the material of the block. Keeps its memory for the next block.
+/// on the material of the block. Keeps its memory for the next block: a number for each vertex of the mesh, too.
 class VertexBlock {
  public:
   /// [new number]: a vertex of the mesh. Those of the block come first, in their order.
   [[nodiscard]] std::span<const std::uint32_t> vertices() const { return vertices_; }
 
+  /// Gets the number of a vertex, the moments of all its material, and its value of each attribute.
+  using VisitVertex =
+      std::function<void(std::size_t number, const SpatialMoments& space, std::span<const VertexValue> values)>;
+
+  /// Finds the material of each vertex of the block, and of all attributes. `table`: values at vertices(). A
+  /// tetrahedron with a missing value (NaN) at a corner has no value. With `gradients`, finds their directions as in
+  /// Meredith and Ma (2001), section 3.2: the sum of one-sided differences along edges. An edge counts once for each of
+  /// its tetrahedra, so that pieces of a mesh add up to the whole. 0 if there is none. A vertex does not depend on the
+  /// others.
+  void find_values(const ValueTable& table, bool gradients, const VisitVertex& visit) const;
+
  private:
   friend class VertexMaterial;
 
-  void clear();
-  std::uint32_t number_of(std::uint32_t vertex);
-  void grow();
+  // The part of a tetrahedron that a vertex of the block owns.
+  struct Quarter {
+    std::array<std::uint32_t, 3> others;  // new numbers: of the tetrahedron's other corners
+    double mass;
+  };
+
+  void clear(std::size_t mesh_vertices);
+  std::uint32_t number_of(std::uint32_t vertex, std::span<const dvec3> positions);
 
   std::vector<std::uint32_t> vertices_;
-  std::vector<std::array<std::uint32_t, 3>> others_;  // new numbers: of the other corners of each tetrahedron
-  std::vector<std::size_t> begins_;                   // [vertex of the block]: its tetrahedra among others_
-  std::vector<std::uint32_t> slots_;                  // hash table: 1 + new number; 0: empty
-};
-
-/// The material of a vertex that has a value of an attribute, and the direction of the value's gradient there.
-struct VertexValue {
-  ValueMoments moments;
-  dvec3 gradient{0};  // of any length
+  std::vector<dvec3> positions_;        // [new number]
+  std::vector<double> masses_;          // [vertex of the block]: of its quarters
+  std::vector<std::size_t> begins_;     // [vertex of the block]: its quarters; then their end
+  std::vector<Quarter> quarters_;       // of the vertices of the block, in the order of their tetrahedra
+  std::vector<std::uint32_t> numbers_;  // [vertex of the mesh]: 1 + new number; 0: not in the block
 };
 
 /// The material of each vertex of a mesh, in closed form. A vertex owns the quarter of each of its tetrahedra where its
 /// barycentric coordinate is the largest. Values are linear in each tetrahedron, volumes absolute. A tetrahedron that
 /// is flat, or too large for double precision, adds nothing. Both spans must outlive this; fewer than 2^32 tetrahedra.
-/// Thread-safe. Memory accesses take most of the time, so ask for everything about a vertex at once.
+/// Thread-safe.
 class VertexMaterial {
  public:
+  VertexMaterial() = default;
   VertexMaterial(std::span<const dvec3> positions, std::span<const Tetrahedron> tetrahedra);
-
-  [[nodiscard]] SpatialMoments moments(std::size_t vertex) const;
-
-  /// `values`: of all vertices. A tetrahedron with a missing value (NaN) at a corner has no value.
-  [[nodiscard]] ValueMoments value_moments(std::size_t vertex, std::span<const double> values) const;
-
-  /// Returns the direction of the value's gradient, of any length, as in Meredith and Ma (2001), section 3.2: the sum
-  /// of one-sided differences along edges. An edge counts once for each of its tetrahedra, so that pieces of a mesh add
-  /// up to the whole. 0 if there is none.
-  [[nodiscard]] dvec3 gradient(std::size_t vertex, std::span<const double> values) const;
 
   /// Makes `block` that of these vertices, which must differ.
   void make_block(std::span<const std::uint32_t> vertices, VertexBlock& block) const;
 
-  /// Finds value_moments, and with `gradients` also gradient, of all attributes at vertex `number` of a block, to the
-  /// same last bit, much faster than one by one. `table`: values at block.vertices(). Returns the vertex's moments.
-  /// Requires values.size() == table.attributes().
-  SpatialMoments find_values(const VertexBlock& block, std::size_t number, const ValueTable& table, bool gradients,
-                             std::span<VertexValue> values) const;
+  /// Calls visit(vertex - begin, ...) for vertices from `begin` to before `end`, as VertexBlock::find_values. `values`:
+  /// [attribute][vertex]. `block` is scratch.
+  void find_values(std::size_t begin, std::size_t end, std::span<const std::vector<double>> values, bool gradients,
+                   VertexBlock& block, const VertexBlock::VisitVertex& visit) const;
+
+  /// The tetrahedra at each vertex: tetrahedra_at_points.
+  [[nodiscard]] const IndexLists& incident() const { return incident_; }
 
   /// Bytes that it holds for a mesh.
   [[nodiscard]] static std::size_t bytes(std::size_t vertices, std::size_t tetrahedra) {
@@ -147,9 +159,6 @@ class VertexMaterial {
   }
 
  private:
-  template <class Add>
-  double visit(std::size_t vertex, Add add_quarter) const;
-
   std::span<const dvec3> positions_;
   std::span<const Tetrahedron> tetrahedra_;
   IndexLists incident_;         // [vertex]: tetrahedra

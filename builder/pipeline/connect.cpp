@@ -1,9 +1,9 @@
 #include "builder/pipeline/connect.h"
 
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <numeric>
 #include <optional>
 #include <span>
 #include <utility>
@@ -53,25 +53,18 @@ struct JoinedMesh {
   std::vector<BoundaryPlane> planes;
   std::optional<VertexMaterial> material;  // once the points lie where they stay
   bool gradients;
+  tbb::enumerable_thread_specific<VertexBlock> blocks = {};
 
   // Finds the material of the points [begin, end), which go to `first` and on.
-  void find(const PointBatch& held, std::size_t begin, std::size_t end, std::size_t first, PointBatch& batch) const {
-    std::vector<std::uint32_t> points(end - begin);
-    std::iota(points.begin(), points.end(), static_cast<std::uint32_t>(begin));
-    VertexBlock block;
-    material->make_block(points, block);
-    const auto vertices = block.vertices();
-    ValueTable table(vertices.size(), held.values.size());
-    for (std::size_t i = 0; i < vertices.size(); ++i)
-      for (std::size_t a = 0; a < held.values.size(); ++a) table.at(i, a) = held.values[a][vertices[i]];
-    std::vector<VertexValue> values(held.values.size());
-    for (std::size_t k = 0; k < points.size(); ++k) {
-      batch.moments[first + k] = material->find_values(block, k, table, gradients, values);
+  void find(const PointBatch& held, std::size_t begin, std::size_t end, std::size_t first, PointBatch& batch) {
+    const auto take = [&](std::size_t k, const SpatialMoments& moments, std::span<const VertexValue> values) {
+      batch.moments[first + k] = moments;
       for (std::size_t a = 0; a < values.size(); ++a) {
         batch.value_moments[a][first + k] = values[a].moments;
         if (gradients) batch.gradients[a][first + k] = values[a].gradient;
       }
-    }
+    };
+    material->find_values(begin, end, held.values, gradients, blocks.local(), take);
   }
 };
 

@@ -373,22 +373,27 @@ class Subdomain {
   // Fills in the own points with their material and planes.
   void fill(const Mesh& mesh, PointBatch& result) const {
     const VertexMaterial material(mesh.positions, mesh.tetrahedra);
-    const auto planes = boundary_planes(mesh.positions, find_outer_faces(mesh.positions, mesh.tetrahedra));
+    const auto planes =
+        boundary_planes(mesh.positions, find_outer_faces(mesh.positions, mesh.tetrahedra, material.incident()));
     const std::size_t attributes = mesh.values.size();
     result.values.resize(attributes);
     result.value_moments.resize(attributes);
     result.gradients.resize(attributes);
-    for (std::size_t i = mesh.first_own; i < mesh.first_own + own_end() - own_begin(); ++i) {
+    const auto add = [&](std::size_t number, const SpatialMoments& moments, std::span<const VertexValue> values) {
+      const std::size_t i = mesh.first_own + number;
       result.keys.push_back(morton_key(mesh.positions[i], cube_));
       result.positions.push_back(mesh.positions[i]);
-      result.moments.push_back(material.moments(i));
+      result.moments.push_back(moments);
       result.planes.push_back(planes[i]);
       for (std::size_t a = 0; a < attributes; ++a) {
         result.values[a].push_back(mesh.values[a][i]);
-        result.value_moments[a].push_back(material.value_moments(i, mesh.values[a]));
-        if (points_.layout().has_gradients()) result.gradients[a].push_back(material.gradient(i, mesh.values[a]));
+        result.value_moments[a].push_back(values[a].moments);
+        if (points_.layout().has_gradients()) result.gradients[a].push_back(values[a].gradient);
       }
-    }
+    };
+    VertexBlock block;
+    material.find_values(mesh.first_own, mesh.first_own + own_end() - own_begin(), mesh.values,
+                         points_.layout().has_gradients(), block, add);
   }
 
   const StoredPoints& points_;

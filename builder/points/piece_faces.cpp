@@ -1,5 +1,8 @@
 #include "builder/points/piece_faces.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -86,10 +89,25 @@ Status PieceFaces::start() {
   return {};
 }
 
-Status PieceFaces::add(const Piece& piece, const HashOfPoint& hash) {
+// Adds make(face) of each outer face.
+template <class MakeFace>
+Status PieceFaces::add_faces(std::span<const OuterFace> outer, const MakeFace& make) {
+  constexpr std::size_t at_once = 4096;
   SPLATVOL_TRY(start());
   std::vector<Face> faces;
-  for (const OuterFace& outer : find_outer_faces(piece.points, piece.tetrahedra)) {
+  for (std::size_t first = 0; first < outer.size(); first += at_once) {
+    faces.resize(std::min(at_once, outer.size() - first));
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, faces.size(), 64),
+                      [&](const tbb::blocked_range<std::size_t>& range) {
+                        for (std::size_t i = range.begin(); i < range.end(); ++i) faces[i] = make(outer[first + i]);
+                      });
+    SPLATVOL_TRY(faces_->add(std::as_bytes(std::span(faces))));
+  }
+  return {};
+}
+
+Status PieceFaces::add(const Piece& piece, std::span<const OuterFace> outer_faces, const HashOfPoint& hash) {
+  return add_faces(outer_faces, [&](const OuterFace& outer) {
     Face face{};
     std::array<dvec3, 3> positions;
     for (std::size_t c = 0; c < 3; ++c) {
@@ -97,17 +115,14 @@ Status PieceFaces::add(const Piece& piece, const HashOfPoint& hash) {
       face.corners[c] = {positions[c], hash(outer.corners[c])};
     }
     finish_face(outer, positions, face);
-    faces.push_back(face);
-  }
-  return faces_->add(std::as_bytes(std::span(faces)));
+    return face;
+  });
 }
 
 Status PieceFaces::add_cells(const Piece& piece, const HashOfPoint& hash) {
-  SPLATVOL_TRY(start());
   of_cells_ = true;
   const PointCells& cells = *piece.cells;
-  std::vector<Face> faces;
-  for (const OuterFace& outer : find_outer_faces(cells.corners, cells.tetrahedra)) {
+  return add_faces(find_outer_faces(cells.corners, cells.tetrahedra), [&](const OuterFace& outer) {
     Face face{};
     std::array<dvec3, 3> positions;
     for (std::size_t c = 0; c < 3; ++c) {
@@ -122,9 +137,8 @@ Status PieceFaces::add_cells(const Piece& piece, const HashOfPoint& hash) {
       face.point = {position, hash(point)};
       face.plane = {face.area, glm::dot(face.area, positions[0] - position)};
     }
-    faces.push_back(face);
-  }
-  return faces_->add(std::as_bytes(std::span(faces)));
+    return face;
+  });
 }
 
 Status PieceFaces::find_corners(ExternalSorter& faces, bool of_cells,

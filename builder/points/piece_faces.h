@@ -27,11 +27,12 @@ class PieceFaces {
 
   [[nodiscard]] static std::size_t least_memory();
 
-  /// Returns hash_values of a point's record, by its index in the piece. Called for points with finite positions only.
+  /// Returns hash_values of a point's record, by its index in the piece. Called for points with finite positions only,
+  /// on several threads.
   using HashOfPoint = std::function<std::uint64_t(std::size_t point)>;
 
-  /// Adds a piece with tetrahedra.
-  [[nodiscard]] Status add(const Piece& piece, const HashOfPoint& hash);
+  /// Adds a piece with tetrahedra. `outer_faces`: find_outer_faces.
+  [[nodiscard]] Status add(const Piece& piece, std::span<const OuterFace> outer_faces, const HashOfPoint& hash);
 
   /// Adds a piece whose points stand for whole cells. Faces are matched by their positions alone: two cells that touch
   /// have no boundary between them, whatever their values.
@@ -57,6 +58,8 @@ class PieceFaces {
 
  private:
   [[nodiscard]] Status start();
+  template <class MakeFace>
+  [[nodiscard]] Status add_faces(std::span<const OuterFace> outer, const MakeFace& make);
 
   PointRecords layout_;
   std::size_t memory_;

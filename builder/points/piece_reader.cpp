@@ -1,6 +1,8 @@
 #include "builder/points/piece_reader.h"
 
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_invoke.h>
+#include <tbb/task_group.h>
 
 #include <algorithm>
 #include <cmath>
@@ -62,15 +64,13 @@ std::uint64_t bytes_to_read(const Piece& piece) {
 }  // namespace
 
 Status PieceReader::run(const std::function<void(double)>& progress, const std::function<Status(const Box&)>& only,
-                        const std::function<Status(std::span<const std::byte>)>& visit) {
+                        const Visit& visit) {
   SPLATVOL_TRY_ASSIGN(piece, source_.next());
   std::unique_ptr<Piece> second;
-  bool ended = !piece;
+  bool ended = !piece, is_only = false;
   if (piece && only && source_.piece_count() == 1) {
     SPLATVOL_TRY_SET(second, source_.next());
-    ended = !second;
-    const Box box = grown_for_material(box_of(*piece), deviation_of(*piece));
-    if (ended && box.low.x <= box.high.x) SPLATVOL_TRY(only(box));
+    is_only = ended = !second;
   }
   for (std::size_t pieces = 0; piece; ++pieces) {
     const auto tell = [&](double of_piece) {
@@ -81,7 +81,11 @@ Status PieceReader::run(const std::function<void(double)>& progress, const std::
     facts_.most_piece_bytes =
         std::max(facts_.most_piece_bytes, bytes_to_read(*piece) + (second ? bytes_to_read(*second) : 0));
     if (watch_) SPLATVOL_TRY(watch_(*piece));
-    SPLATVOL_TRY(read(*piece, visit, tell));
+    SPLATVOL_TRY(prepare(*piece));
+    const Box round =
+        grown_for_material(prepared_.has_mesh ? prepared_.in_cells_box : prepared_.box, deviation_of(*piece));
+    if (is_only && round.low.x <= round.high.x) SPLATVOL_TRY(only(round));
+    SPLATVOL_TRY(read_prepared(*piece, visit, tell));
     piece = std::move(second);
     if (piece || ended) continue;
     SPLATVOL_TRY_SET(piece, source_.next());
@@ -93,20 +97,6 @@ Status PieceReader::run(const std::function<void(double)>& progress, const std::
 Status PieceReader::check_any() const {
   if (box().low.x <= box().high.x) return {};
   return fail(ErrorCode::invalid_data, "no point has coordinates that are finite and within 1e50");
-}
-
-// The box round the points that cells use, or round all points of a piece without tetrahedra.
-Box PieceReader::box_of(const Piece& piece) const {
-  Box box;
-  const auto include = [&](const dvec3& p) {
-    if (is_usable_position(p)) box.include(p);
-  };
-  if (!layout_.has_material() || piece.tetrahedra.empty())
-    std::ranges::for_each(piece.points, include);
-  else
-    for (const auto& corners : piece.tetrahedra)
-      for (const std::uint32_t corner : corners) include(piece.points[corner]);
-  return box;
 }
 
 // The largest deviation of material that the points of a piece bring along.
@@ -153,12 +143,41 @@ InputSummary PieceReader::summary(const JoinedAttributes& joined) const {
   return summary;
 }
 
-Status PieceReader::read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit,
-                         const std::function<void(double)>& progress) {
+Status PieceReader::read(const Piece& piece, const Visit& visit, const std::function<void(double)>& progress) {
+  SPLATVOL_TRY(prepare(piece));
+  return read_prepared(piece, visit, progress);
+}
+
+// Finds the points that are kept, and the lists of their tetrahedra.
+Status PieceReader::prepare(const Piece& piece) {
   if (piece.tetrahedra.size() > std::numeric_limits<std::uint32_t>::max())
     return fail(ErrorCode::unsupported, "a piece has {} tetrahedra, which is too many: split it",
                 piece.tetrahedra.size());
-  const std::vector<std::uint32_t> kept = find_finite(piece);
+  prepared_.kept.resize(piece.points.size());
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < piece.points.size(); ++i) {
+    prepared_.kept[count] = static_cast<std::uint32_t>(i);
+    count += is_usable_position(piece.points[i]) ? 1 : 0;
+  }
+  prepared_.kept.resize(count);
+  prepared_.has_mesh = layout_.has_material() && !piece.material && !piece.cells && !piece.tetrahedra.empty();
+  if (prepared_.has_mesh)
+    tbb::parallel_invoke([&] { prepared_.mesh = VertexMaterial(piece.points, piece.tetrahedra); },
+                         [&] { prepared_.heights = least_heights(piece.points, piece.tetrahedra); });
+  prepared_.box = prepared_.in_cells_box = {};
+  prepared_.in_no_cell = 0;
+  for (const std::uint32_t i : prepared_.kept) {
+    prepared_.box.include(piece.points[i]);
+    if (prepared_.in_cells(piece, i))
+      prepared_.in_cells_box.include(piece.points[i]);
+    else
+      ++prepared_.in_no_cell;
+  }
+  return {};
+}
+
+Status PieceReader::read_prepared(const Piece& piece, const Visit& visit, const std::function<void(double)>& progress) {
+  const std::span<const std::uint32_t> kept = prepared_.kept;
   facts_.most_piece_bytes = std::max(facts_.most_piece_bytes, bytes_to_read(piece));
   facts_.census.read += piece.points.size();
   facts_.census.not_finite += piece.points.size() - kept.size();
@@ -166,35 +185,38 @@ Status PieceReader::read(Piece& piece, const std::function<Status(std::span<cons
   facts_.deviation = std::max(facts_.deviation, deviation_of(piece));
   facts_.brings_value_moments = facts_.brings_value_moments || piece.material.has_value();
   for (std::size_t a = 0; a < piece.fills.size(); ++a) facts_.fills[a] += piece.fills[a];
+  facts_.ranges.box.include(prepared_.box);
+  facts_.in_cells.box.include(prepared_.in_cells_box);
+  const bool has_material = prepared_.has_mesh || (layout_.has_material() && (piece.material || piece.cells));
+  facts_.census.in_no_cell += prepared_.has_mesh ? prepared_.in_no_cell : has_material ? 0 : kept.size();
+  facts_.has_material = facts_.has_material || (has_material && (!piece.cells || !piece.points.empty()));
 
-  PieceMaterial material = prepare_material(piece, kept);
   // Meshes take about as long as the records of their points.
-  const double begun = material.mesh ? 0.5 : 0;
+  const double begun = prepared_.has_mesh ? 0.5 : 0;
   if (progress) progress(begun);
   const std::size_t most = std::max<std::size_t>(slice_bytes_ / layout_.bytes(), slice_tasks);
+  // Some records are made while the ones before them are visited.
+  Status visited;
+  tbb::task_group visiting;
   for (std::size_t first = 0; first < kept.size(); first += most) {
-    make_records(piece, material, std::span(kept).subspan(first, std::min(most, kept.size() - first)));
-    SPLATVOL_TRY(visit(records_));
+    const std::size_t count = std::min(most, kept.size() - first);
+    std::vector<ValueFacts> values = make_records(piece, kept.subspan(first, count), records_[1]);
+    visiting.wait();
+    SPLATVOL_TRY(visited);
     SPLATVOL_TRY(check_interruption());
-    const double done = static_cast<double>(std::min(first + most, kept.size())) / static_cast<double>(kept.size());
-    if (progress) progress(begun + (1 - begun) * done);
+    for (const ValueFacts& of_task : values) include(of_task);
+    std::swap(records_[0], records_[1]);
+    visiting.run([&] { visited = visit(records_[0]); });
+    if (progress) progress(begun + (1 - begun) * static_cast<double>(first + count) / static_cast<double>(kept.size()));
   }
+  visiting.wait();
+  SPLATVOL_TRY(visited);
   ++piece_;
-  const bool has_mesh = material.mesh.has_value();
-  material = {};  // finding faces takes memory of its own
-  return add_faces(piece, has_mesh);
-}
-
-// Indices of the points that are kept.
-std::vector<std::uint32_t> PieceReader::find_finite(const Piece& piece) {
-  std::vector<std::uint32_t> kept(piece.points.size());
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < piece.points.size(); ++i) {
-    kept[count] = static_cast<std::uint32_t>(i);
-    count += is_usable_position(piece.points[i]) ? 1 : 0;
-  }
-  kept.resize(count);
-  return kept;
+  std::vector<OuterFace> outer;
+  if (prepared_.has_mesh) outer = find_outer_faces(piece.points, piece.tetrahedra, prepared_.mesh.incident());
+  const bool has_mesh = prepared_.has_mesh;
+  prepared_ = {};  // what follows takes memory of its own
+  return add_faces(piece, has_mesh, outer);
 }
 
 bool PieceReader::leave_out(const std::byte* record) {
@@ -209,121 +231,85 @@ bool PieceReader::leave_out(const std::byte* record) {
   return false;
 }
 
-// Makes records, and finds the ranges.
-void PieceReader::make_records(const Piece& piece, const PieceMaterial& material,
-                               std::span<const std::uint32_t> slice) {
+// Makes records, and finds the ranges: in order, as 0 and -0 are equal.
+std::vector<PieceReader::ValueFacts> PieceReader::make_records(const Piece& piece, std::span<const std::uint32_t> slice,
+                                                               std::vector<std::byte>& records) {
   const std::size_t count = slice.size(), task_points = (count + slice_tasks - 1) / slice_tasks;
   const std::size_t block_points = std::clamp<std::size_t>(block_values / layout_.attributes(), 16, 1024);
-  records_.resize(count * layout_.bytes());
+  records.resize(count * layout_.bytes());
   const std::size_t tasks = (count + task_points - 1) / task_points;
-  std::vector<PointRanges> ranges(tasks, PointRanges(layout_.attributes())), in_cells = ranges;
-  std::vector<std::vector<format::PartsHash>> hashes(tasks, std::vector<format::PartsHash>(layout_.attributes()));
+  std::vector<ValueFacts> facts(tasks, ValueFacts(layout_.attributes()));
   tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t r) {
     Block& block = blocks_.local();
     const std::size_t end = std::min((r + 1) * task_points, count);
     for (std::size_t first = r * task_points; first < end; first += block_points) {
       block.points = slice.subspan(first, std::min(block_points, end - first));
-      load_values(piece, material, block);
-      make_block(piece, material, block, records_.data() + first * layout_.bytes());
-      find_ranges(piece, block, ranges[r]);
-      find_ranges_in_cells(piece, material, block, in_cells[r]);
-      hash_block(block, hashes[r]);
+      load_values(piece, block);
+      make_block(piece, block, records.data() + first * layout_.bytes());
+      find_facts(piece, block, facts[r]);
     }
   });
-  // In order, as 0 and -0 are equal.
-  for (const PointRanges& range : ranges) facts_.ranges.include(range);
-  for (const PointRanges& range : in_cells) facts_.in_cells.include(range);
-  for (const std::vector<format::PartsHash>& of_task : hashes)
-    for (std::size_t a = 0; a < layout_.attributes(); ++a) facts_.values[a].add(of_task[a].value());
+  return facts;
 }
 
-// Adds the values at the block's points to the hash of each attribute, if there are others to compare with.
-void PieceReader::hash_block(Block& block, std::span<format::PartsHash> hashes) const {
-  if (layout_.attributes() < 2) return;
-  block.column.resize(block.points.size());
+void PieceReader::include(const ValueFacts& values) {
+  facts_.ranges.include(values.ranges);
+  facts_.in_cells.include(values.in_cells);
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) facts_.values[a].add(values.hashes[a].value());
+}
+
+void PieceReader::find_facts(const Piece& piece, const Block& block, ValueFacts& facts) const {
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-    for (std::size_t i = 0; i < block.points.size(); ++i) block.column[i] = block.values.at(i, a);
-    hashes[a].add(std::as_bytes(std::span(block.column)));
+    const std::span<const double> values = block.values.column(a).first(block.points.size());
+    for (const double value : values) facts.ranges.include_value(a, value);
+    for (std::size_t i = 0; i < values.size(); ++i)
+      if (prepared_.in_cells(piece, block.points[i])) facts.in_cells.include_value(a, values[i]);
+    // The hash serves to compare attributes.
+    if (layout_.attributes() > 1) facts.hashes[a].add(std::as_bytes(values));
   }
 }
 
 // Loads the values at the block's points, and at the vertices round them if these are in a mesh.
-void PieceReader::load_values(const Piece& piece, const PieceMaterial& material, Block& block) const {
+void PieceReader::load_values(const Piece& piece, Block& block) const {
   std::span<const std::uint32_t> indices = block.points;
-  if (material.mesh) {
-    material.mesh->make_block(block.points, block.vertices);
+  if (prepared_.has_mesh) {
+    prepared_.mesh.make_block(block.points, block.vertices);
     indices = block.vertices.vertices();
   }
   block.values.resize(indices.size(), layout_.attributes());
-  block.column.resize(indices.size());
-  for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-    get_values(piece, a, indices, block.column);
-    for (std::size_t i = 0; i < indices.size(); ++i) block.values.at(i, a) = block.column[i];
-  }
+  for (std::size_t a = 0; a < layout_.attributes(); ++a) get_values(piece, a, indices, block.values.column(a));
 }
 
-void PieceReader::make_block(const Piece& piece, const PieceMaterial& material, Block& block, std::byte* record) const {
-  if (layout_.has_material()) std::memset(record, 0, block.points.size() * layout_.bytes());
-  block.found.resize(layout_.attributes());
+void PieceReader::make_block(const Piece& piece, const Block& block, std::byte* records) const {
+  if (layout_.has_material()) std::memset(records, 0, block.points.size() * layout_.bytes());
   for (std::size_t number = 0; number < block.points.size(); ++number) {
-    layout_.set_position(record, piece.points[block.points[number]]);
-    if (layout_.has_tags()) layout_.set_tag(record, point_tag(piece_, block.points[number]));
-    for (std::size_t a = 0; a < layout_.attributes(); ++a) layout_.set_value(record, a, block.values.at(number, a));
-    if (layout_.has_material()) set_material(piece, material, block, number, record);
-    record += layout_.bytes();
+    const std::uint32_t point = block.points[number];
+    std::byte* record = records + number * layout_.bytes();
+    layout_.set_position(record, piece.points[point]);
+    if (layout_.has_tags()) layout_.set_tag(record, point_tag(piece_, point));
+    for (std::size_t a = 0; a < layout_.attributes(); ++a) layout_.set_value(record, a, block.values.column(a)[number]);
+    if (!layout_.has_material() || prepared_.has_mesh) continue;
+    if (piece.material)
+      set_known_material(piece, point, record);
+    else if (piece.cells)
+      set_whole_cell(piece, block, number, record);
+    else
+      layout_.set_vertex(record, {});
   }
+  if (prepared_.has_mesh) set_mesh_material(piece, block, records);
 }
 
-void PieceReader::find_ranges(const Piece& piece, const Block& block, PointRanges& ranges) const {
-  for (const std::uint32_t i : block.points) ranges.box.include(piece.points[i]);
-  for (std::size_t a = 0; a < layout_.attributes(); ++a)
-    for (std::size_t number = 0; number < block.points.size(); ++number)
-      ranges.include_value(a, block.values.at(number, a));
-}
-
-void PieceReader::find_ranges_in_cells(const Piece& piece, const PieceMaterial& material, const Block& block,
-                                       PointRanges& ranges) const {
-  for (std::size_t number = 0; number < block.points.size(); ++number) {
-    const std::uint32_t i = block.points[number];
-    if (!material.in_cells(piece, i)) continue;
-    ranges.box.include(piece.points[i]);
-    for (std::size_t a = 0; a < layout_.attributes(); ++a) ranges.include_value(a, block.values.at(number, a));
-  }
-}
-
-// Prepares for the records of a piece.
-PieceReader::PieceMaterial PieceReader::prepare_material(const Piece& piece, std::span<const std::uint32_t> kept) {
-  PieceMaterial material;
-  const bool known = piece.material || piece.cells;
-  if (layout_.has_material() && (piece.cells || !piece.tetrahedra.empty())) facts_.in_cells.box.include(box_of(piece));
-  if (!layout_.has_material() || (!known && piece.tetrahedra.empty())) {
-    facts_.census.in_no_cell += kept.size();
-    return material;
-  }
-  facts_.has_material = facts_.has_material || !piece.cells || !piece.points.empty();
-  if (known) return material;
-
-  material.used.resize(piece.points.size());
-  for (const auto& corners : piece.tetrahedra)
-    for (const std::uint32_t corner : corners) material.used[corner] = true;
-  for (const std::uint32_t i : kept) facts_.census.in_no_cell += material.used[i] ? 0 : 1;
-  material.heights = least_heights(piece.points, piece.tetrahedra);
-  material.mesh.emplace(piece.points, piece.tetrahedra);
-  return material;
-}
-
-void PieceReader::set_material(const Piece& piece, const PieceMaterial& material, Block& block, std::size_t number,
-                               std::byte* record) const {
-  const std::uint32_t point = block.points[number];
-  if (piece.material) return set_known_material(piece, point, record);
-  if (piece.cells) return set_whole_cell(piece, block, number, record);
-  if (!material.mesh) return layout_.set_vertex(record, {});
-  const SpatialMoments moments =
-      material.mesh->find_values(block.vertices, number, block.values, layout_.has_gradients(), block.found);
-  layout_.set_vertex(record,
-                     {material.used[point] ? PointRecords::block_of(piece) : 0, moments, material.heights[point]});
-  for (std::size_t a = 0; a < layout_.attributes(); ++a)
-    layout_.set_value_part(record, a, {block.found[a].moments, block.found[a].gradient});
+void PieceReader::set_mesh_material(const Piece& piece, const Block& block, std::byte* records) const {
+  block.vertices.find_values(
+      block.values, layout_.has_gradients(),
+      [&](std::size_t number, const SpatialMoments& moments, std::span<const VertexValue> values) {
+        const std::uint32_t point = block.points[number];
+        std::byte* record = records + number * layout_.bytes();
+        const std::uint64_t of_block = prepared_.in_cells(piece, point) ? PointRecords::block_of(piece) : 0;
+        layout_.set_vertex(record, {of_block, moments, prepared_.heights[point]});
+        for (std::size_t a = 0; a < values.size(); ++a)
+          layout_.set_value_part(record, a, {values[a].moments, values[a].gradient});
+      });
 }
 
 void PieceReader::set_known_material(const Piece& piece, std::size_t point, std::byte* record) const {
@@ -339,7 +325,7 @@ void PieceReader::set_whole_cell(const Piece& piece, const Block& block, std::si
   const SpatialMoments& moments = piece.cells->moments[block.points[number]];
   layout_.set_vertex(record, {PointRecords::block_of(piece), moments});
   for (std::size_t a = 0; a < layout_.attributes(); ++a) {
-    const double value = block.values.at(number, a);
+    const double value = block.values.column(a)[number];
     if (std::isnan(value)) continue;
     PointRecords::ValuePart part{.moments = {.mass = moments.mass, .centroid = moments.centroid}};
     part.moments.mean = part.moments.min = part.moments.max = value;
@@ -347,10 +333,11 @@ void PieceReader::set_whole_cell(const Piece& piece, const Block& block, std::si
   }
 }
 
-Status PieceReader::add_faces(const Piece& piece, bool has_mesh) {
-  std::vector<std::byte> record(layout_.bytes());
-  if (layout_.has_material()) layout_.set_block(record.data(), PointRecords::block_of(piece));
+Status PieceReader::add_faces(const Piece& piece, bool has_mesh, std::span<const OuterFace> outer) {
   const auto hash = [&](std::size_t point) {
+    thread_local std::vector<std::byte> record;
+    record.resize(layout_.bytes());
+    if (layout_.has_material()) layout_.set_block(record.data(), PointRecords::block_of(piece));
     const auto index = static_cast<std::uint32_t>(point);
     for (std::size_t a = 0; a < layout_.attributes(); ++a) {
       double value = 0;
@@ -360,7 +347,7 @@ Status PieceReader::add_faces(const Piece& piece, bool has_mesh) {
     return hash_values(layout_, record.data());
   };
   if (layout_.has_material() && piece.cells && !piece.material) return faces_.add_cells(piece, hash);
-  return has_mesh ? faces_.add(piece, hash) : Status{};
+  return has_mesh ? faces_.add(piece, outer, hash) : Status{};
 }
 
 }  // namespace splatvol

@@ -4,10 +4,10 @@
 #include <tbb/enumerable_thread_specific.h>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
-#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -51,20 +51,22 @@ class PieceReader {
       : source_(source),
         layout_(layout),
         faces_(faces),
-        slice_bytes_(std::min(memory, std::size_t{1} << 23)),
+        slice_bytes_(std::min(memory, std::size_t{1} << 23) / 2),
         watch_(std::move(watch)),
         facts_(source.attributes().size()) {}
+
+  /// Gets the records of some points.
+  using Visit = std::function<Status(std::span<const std::byte>)>;
 
   /// Calls visit(records) for the points of each piece, some at a time, and progress(share of the points that are done,
   /// if all pieces are alike). If the input turns out to be one piece, calls only(box round its points) before the
   /// records; `only` may be empty. Fails if no point is left.
   [[nodiscard]] Status run(const std::function<void(double)>& progress, const std::function<Status(const Box&)>& only,
-                           const std::function<Status(std::span<const std::byte>)>& visit);
+                           const Visit& visit);
 
   /// Calls visit(records) for the points of one piece, some at a time. For callers that choose the pieces themselves.
   /// `progress` gets the share of the piece that is done; it may be empty.
-  [[nodiscard]] Status read(Piece& piece, const std::function<Status(std::span<const std::byte>)>& visit,
-                            const std::function<void(double)>& progress = {});
+  [[nodiscard]] Status read(const Piece& piece, const Visit& visit, const std::function<void(double)>& progress = {});
 
   /// Numbers the pieces from `first` on, in tags. Without this, from 0.
   void number_pieces(std::uint32_t first) { piece_ = first; }
@@ -95,43 +97,50 @@ class PieceReader {
   [[nodiscard]] InputSummary summary(const JoinedAttributes& joined) const;
 
  private:
-  // The mesh of the present piece, if its points have their material from tetrahedra.
-  struct PieceMaterial {
-    std::vector<bool> used;       // [point]: by a tetrahedron
-    std::vector<double> heights;  // [point]: least_heights
-    std::optional<VertexMaterial> mesh;
+  // What the records of a piece need.
+  struct Prepared {
+    std::vector<std::uint32_t> kept;  // points
+    bool has_mesh = false;            // the points have their material from tetrahedra
+    VertexMaterial mesh;
+    std::vector<double> heights;   // [point]: least_heights
+    Box box, in_cells_box;         // round the points that are kept, and those of them that cells use
+    std::uint64_t in_no_cell = 0;  // points that are kept
 
     [[nodiscard]] bool in_cells(const Piece& piece, std::size_t point) const {
-      return piece.cells || (!used.empty() && used[point]);
+      return piece.cells || (has_mesh && !mesh.incident()[point].empty());
     }
   };
 
   // Some points of a piece, and the values that decide on their material. Values are never those of the whole piece.
   struct Block {
     std::span<const std::uint32_t> points;
-    VertexBlock vertices;            // of the mesh: the points, and then their neighbours
-    ValueTable values;               // [vertex of the block, or point]
-    std::vector<double> column;      // scratch: of an attribute
-    std::vector<VertexValue> found;  // scratch: of a point
+    VertexBlock vertices;  // of the mesh: the points, and then their neighbours
+    ValueTable values;     // [vertex of the block, or point]
+  };
+
+  // The values of some records.
+  struct ValueFacts {
+    PointRanges ranges, in_cells;
+    std::vector<format::PartsHash> hashes;  // [attribute]
+
+    explicit ValueFacts(std::size_t attributes) : ranges(attributes), in_cells(attributes), hashes(attributes) {}
   };
 
   [[nodiscard]] bool may_be_joined(std::size_t attribute, const JoinedAttributes& joined) const;
-  [[nodiscard]] std::vector<std::uint32_t> find_finite(const Piece& piece);
-  [[nodiscard]] Box box_of(const Piece& piece) const;
   [[nodiscard]] double deviation_of(const Piece& piece) const;
-  [[nodiscard]] PieceMaterial prepare_material(const Piece& piece, std::span<const std::uint32_t> kept);
-  void make_records(const Piece& piece, const PieceMaterial& material, std::span<const std::uint32_t> slice);
-  void load_values(const Piece& piece, const PieceMaterial& material, Block& block) const;
-  void make_block(const Piece& piece, const PieceMaterial& material, Block& block, std::byte* record) const;
-  void hash_block(Block& block, std::span<format::PartsHash> hashes) const;
-  void find_ranges(const Piece& piece, const Block& block, PointRanges& ranges) const;
-  void find_ranges_in_cells(const Piece& piece, const PieceMaterial& material, const Block& block,
-                            PointRanges& ranges) const;
-  void set_material(const Piece& piece, const PieceMaterial& material, Block& block, std::size_t number,
-                    std::byte* record) const;
+  [[nodiscard]] Status prepare(const Piece& piece);
+  [[nodiscard]] Status read_prepared(const Piece& piece, const Visit& visit,
+                                     const std::function<void(double)>& progress);
+  [[nodiscard]] std::vector<ValueFacts> make_records(const Piece& piece, std::span<const std::uint32_t> slice,
+                                                     std::vector<std::byte>& records);
+  void include(const ValueFacts& values);
+  void load_values(const Piece& piece, Block& block) const;
+  void make_block(const Piece& piece, const Block& block, std::byte* record) const;
+  void find_facts(const Piece& piece, const Block& block, ValueFacts& facts) const;
+  void set_mesh_material(const Piece& piece, const Block& block, std::byte* record) const;
   void set_known_material(const Piece& piece, std::size_t point, std::byte* record) const;
   void set_whole_cell(const Piece& piece, const Block& block, std::size_t number, std::byte* record) const;
-  [[nodiscard]] Status add_faces(const Piece& piece, bool has_mesh);
+  [[nodiscard]] Status add_faces(const Piece& piece, bool has_mesh, std::span<const OuterFace> outer);
   [[nodiscard]] bool has_cells() const { return facts_.in_cells.box.low.x <= facts_.in_cells.box.high.x; }
 
   Source& source_;
@@ -139,8 +148,9 @@ class PieceReader {
   PieceFaces& faces_;
   std::size_t slice_bytes_;
   WatchPiece watch_;
-  std::uint32_t piece_ = 0;         // number of the present piece
-  std::vector<std::byte> records_;  // some of it
+  std::uint32_t piece_ = 0;                        // number of the present piece
+  Prepared prepared_;                              // for it
+  std::array<std::vector<std::byte>, 2> records_;  // some of it: the ones that are visited, and the next ones
   tbb::enumerable_thread_specific<Block> blocks_;
   InputFacts facts_;
 };

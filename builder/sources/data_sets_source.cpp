@@ -74,7 +74,7 @@ class DataSetsSource final : public Source {
     SPLATVOL_TRY(measure_rounding(*piece));
     piece->patches = data_sets_->take_patches();
     piece->census += data_sets_->take_changes();
-    SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
+    if (files_.size() > 1) SPLATVOL_TRY(repeats_.add(data_sets_->path(), *piece));
     points_ += piece->points.size();
     note_differences(*data, note_losses(*data, declared, piece->census.losses));
     return piece;

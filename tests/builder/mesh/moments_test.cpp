@@ -335,42 +335,157 @@ TEST(VertexMaterial, MissingValuesLeaveOutTheirTetrahedra) {
   EXPECT_NEAR(merge_all(mesh, value_moments).mass + missing, merge_all(mesh, moments).mass, 1e-12);
 }
 
-// Several attributes at once, with missing values and flat cells, have the same bits as each by itself.
-TEST(VertexMaterial, AllValuesAtOnceAreThoseOfEach) {
+void expect_same(double a, double b) { EXPECT_TRUE(a == b || (std::isnan(a) && std::isnan(b))) << a << " " << b; }
+
+void expect_same(const dvec3& a, const dvec3& b) {
+  for (int k = 0; k < 3; ++k) expect_same(a[k], b[k]);
+}
+
+// The quarter of a tetrahedron that a vertex owns, and its share of all that the vertex owns.
+struct Quarter {
+  std::array<std::uint32_t, 3> others;
+  std::array<dvec3, 3> edges;
+  double mass, weight;
+};
+
+double quarter_mass(const Mesh& mesh, const Tetrahedron& corners) {
+  std::array<dvec3, 3> edges;
+  for (std::size_t k = 0; k < 3; ++k) edges[k] = mesh.points[corners[k + 1]] - mesh.points[corners[0]];
+  return std::abs(glm::dot(edges[0], glm::cross(edges[1], edges[2]))) / 24;
+}
+
+std::vector<Quarter> quarters_of(const Mesh& mesh, std::uint32_t vertex) {
+  std::vector<Quarter> quarters;
+  double mass = 0;
+  for (const Tetrahedron& corners : mesh.tetrahedra) {
+    const auto own = static_cast<std::size_t>(std::ranges::find(corners, vertex) - corners.begin());
+    for (auto named = std::ranges::count(corners, vertex); named > 0; --named) {
+      Quarter& quarter = quarters.emplace_back();
+      for (std::size_t k = 0; k < 3; ++k) {
+        quarter.others[k] = corners[(own + 1 + k) % 4];
+        quarter.edges[k] = mesh.points[quarter.others[k]] - mesh.points[vertex];
+      }
+      quarter.mass = quarter_mass(mesh, corners);
+      mass += quarter.mass;
+    }
+  }
+  for (Quarter& quarter : quarters) quarter.weight = mass > 0 ? quarter.mass / mass : 0;
+  return quarters;
+}
+
+constexpr double mean_share = 23.0 / 144, own_square = (161.0 - 97.0) / 4320, common_square = 97.0 / 4320;
+
+// The moments of a vertex's material, one quarter after the other.
+SpatialMoments moments_alone(std::span<const Quarter> quarters) {
+  SpatialMoments sums;
+  const auto squares = [](const dvec3& d) { return d * d; };
+  const auto products = [](const dvec3& d) { return dvec3(d.x * d.y, d.x * d.z, d.y * d.z); };
+  dvec3 diagonal(0), beside(0);
+  for (const Quarter& quarter : quarters) {
+    if (!(quarter.mass > 0)) continue;
+    const auto& [a, b, c] = quarter.edges;
+    const dvec3 sum = a + b + c;
+    sums.mass += quarter.mass;
+    sums.centroid += quarter.weight * sum;
+    diagonal += quarter.weight * own_square * (squares(a) + squares(b) + squares(c));
+    diagonal += quarter.weight * common_square * squares(sum);
+    beside += quarter.weight * own_square * (products(a) + products(b) + products(c));
+    beside += quarter.weight * common_square * products(sum);
+  }
+  sums.centroid *= mean_share;
+  diagonal -= squares(sums.centroid);
+  beside -= products(sums.centroid);
+  sums.covariance = {diagonal.x, diagonal.y, diagonal.z, beside.x, beside.y, beside.z};
+  return sums;
+}
+
+// Adds what a quarter has of a value. `rise`: from the value at the vertex, `own`, to those at the other corners.
+void add_value(ValueMoments& sums, const Quarter& quarter, const dvec3& rise, double own) {
+  const double total = rise.x + rise.y + rise.z, weight = quarter.weight;
+  if (!std::isfinite(total) || !(quarter.mass > 0)) return;
+  const auto& [a, b, c] = quarter.edges;
+  sums.mass += quarter.mass;
+  sums.centroid += weight * (a + b + c);
+  sums.mean += weight * total;
+  sums.variance += weight * (own_square * glm::dot(rise, rise) + common_square * total * total);
+  sums.covariance += weight * own_square * (rise.x * a + rise.y * b + rise.z * c);
+  sums.covariance += weight * common_square * total * (a + b + c);
+  for (const double corner : {0.0, rise.x / 2, rise.y / 2, rise.z / 2, 1.0 / 3 * (rise.x + rise.y),
+                              1.0 / 3 * (rise.y + rise.z), 1.0 / 3 * (rise.z + rise.x), total / 4}) {
+    sums.min = std::min(sums.min, own + corner);
+    sums.max = std::max(sums.max, own + corner);
+  }
+}
+
+VertexValue value_alone(std::span<const Quarter> quarters, std::span<const double> values, double own) {
+  VertexValue value;
+  ValueMoments& sums = value.moments;
+  double mass = 0;
+  for (const Quarter& quarter : quarters) {
+    const dvec3 rise(values[quarter.others[0]] - own, values[quarter.others[1]] - own, values[quarter.others[2]] - own);
+    mass += quarter.mass;
+    add_value(sums, quarter, rise, own);
+    for (int k = 0; k < 3; ++k) {
+      const dvec3& edge = quarter.edges[static_cast<std::size_t>(k)];
+      const dvec3 difference = rise[k] / glm::dot(edge, edge) * edge;
+      if (std::isfinite(difference.x + difference.y + difference.z)) value.gradient += difference;
+    }
+  }
+  if (!(sums.mass > 0)) return value;
+  const double share = mass / sums.mass;
+  sums.centroid *= share * mean_share;
+  sums.mean *= share * mean_share;
+  sums.variance = share * sums.variance - sums.mean * sums.mean;
+  sums.covariance = share * sums.covariance - sums.mean * sums.centroid;
+  sums.mean += own;
+  return value;
+}
+
+// Expects that a vertex's material is that of the vertex and each attribute alone, to the last bit.
+void expect_alone(const Mesh& mesh, std::span<const std::vector<double>> values, std::size_t v,
+                  const SpatialMoments& space, std::span<const VertexValue> found) {
+  const auto quarters = quarters_of(mesh, static_cast<std::uint32_t>(v));
+  const SpatialMoments alone = moments_alone(quarters);
+  expect_same(space.mass, alone.mass);
+  expect_same(space.centroid, alone.centroid);
+  const SymmetricMatrix &s = space.covariance, &t = alone.covariance;
+  expect_same({s.xx, s.yy, s.zz}, {t.xx, t.yy, t.zz});
+  expect_same({s.xy, s.xz, s.yz}, {t.xy, t.xz, t.yz});
+  for (std::size_t a = 0; a < values.size(); ++a) {
+    const VertexValue expected = value_alone(quarters, values[a], values[a][v]);
+    const ValueMoments &one = expected.moments, &all = found[a].moments;
+    expect_same({all.mass, all.mean, all.variance}, {one.mass, one.mean, one.variance});
+    expect_same({all.min, all.max, 0}, {one.min, one.max, 0});
+    expect_same(all.centroid, one.centroid);
+    expect_same(all.covariance, one.covariance);
+    expect_same(found[a].gradient, expected.gradient);
+  }
+}
+
+// With missing values, flat cells and vertices without cells.
+TEST(VertexMaterial, AllAtOnceIsThatOfEachVertexAndAttribute) {
   Mesh mesh = jittered(4, 0.3);
   mesh.points[7] = mesh.points[8];
-  constexpr std::size_t attributes = 6;
-  ValueTable table(mesh.points.size(), attributes);
-  std::vector<std::vector<double>> values(attributes, std::vector<double>(mesh.points.size()));
-  for (std::size_t a = 0; a < attributes; ++a)
-    for (std::size_t v = 0; v < mesh.points.size(); ++v) {
-      const dvec3& p = mesh.points[v];
-      const bool missing = a % 2 == 1 && v % 11 == a;
-      values[a][v] = missing ? std::numeric_limits<double>::quiet_NaN()
-                             : std::sin(5 * p.x + static_cast<double>(a)) - p.y * p.z + (a == 4 ? 1e6 : 0);
-      table.at(v, a) = values[a][v];
-    }
+  mesh.tetrahedra.push_back({3, 9, 3, 20});
+  mesh.points.resize(mesh.points.size() + 3, dvec3(0.5));
   const VertexMaterial material(mesh.points, mesh.tetrahedra);
-  std::vector<VertexValue> found(attributes);
-  const auto same = [](double a, double b) { return a == b || (std::isnan(a) && std::isnan(b)); };
-  std::vector<std::uint32_t> vertices(mesh.points.size());
-  std::iota(vertices.begin(), vertices.end(), 0u);
-  VertexBlock block;
-  material.make_block(vertices, block);
-  for (std::size_t v = 0; v < mesh.points.size(); ++v) {
-    const SpatialMoments space = material.find_values(block, v, table, true, found);
-    EXPECT_EQ(space.mass, material.moments(v).mass);
-    EXPECT_EQ(space.covariance.xy, material.moments(v).covariance.xy);
-    for (std::size_t a = 0; a < attributes; ++a) {
-      const ValueMoments one = material.value_moments(v, values[a]), &all = found[a].moments;
-      EXPECT_TRUE(same(all.mass, one.mass) && same(all.mean, one.mean) && same(all.variance, one.variance)) << v;
-      EXPECT_TRUE(same(all.min, one.min) && same(all.max, one.max)) << v;
-      const dvec3 gradient = material.gradient(v, values[a]);
-      for (int k = 0; k < 3; ++k) {
-        EXPECT_TRUE(same(all.centroid[k], one.centroid[k]) && same(all.covariance[k], one.covariance[k])) << v;
-        EXPECT_TRUE(same(found[a].gradient[k], gradient[k])) << v;
+  for (const std::size_t attributes : {1u, 2u, 3u, 6u}) {
+    std::vector<std::vector<double>> values(attributes, std::vector<double>(mesh.points.size()));
+    for (std::size_t a = 0; a < attributes; ++a)
+      for (std::size_t v = 0; v < mesh.points.size(); ++v) {
+        const dvec3& p = mesh.points[v];
+        const bool missing = a % 2 == 1 && v % 11 == a;
+        values[a][v] = missing ? std::numeric_limits<double>::quiet_NaN()
+                               : std::sin(5 * p.x + static_cast<double>(a)) - p.y * p.z + (a == 4 ? 1e6 : 0);
       }
-    }
+    VertexBlock block;
+    std::size_t next = 0;
+    material.find_values(0, mesh.points.size(), values, true, block,
+                         [&](std::size_t v, const SpatialMoments& space, std::span<const VertexValue> found) {
+                           EXPECT_EQ(v, next++);
+                           expect_alone(mesh, values, v, space, found);
+                         });
+    EXPECT_EQ(next, mesh.points.size());
   }
 }
 
@@ -378,6 +493,7 @@ TEST(VertexMaterial, AllValuesAtOnceAreThoseOfEach) {
 TEST(VertexMaterial, BlocksHaveTheMaterialOfTheWhole) {
   const Mesh mesh = jittered(6, 0.3);
   const auto values = sample(mesh, [](dvec3 p) { return p.x * p.y + p.z; });
+  const MeshMaterial whole = material_of(mesh, values);
   const VertexMaterial material(mesh.points, mesh.tetrahedra);
   VertexBlock block;
   ValueTable table;
@@ -387,16 +503,14 @@ TEST(VertexMaterial, BlocksHaveTheMaterialOfTheWhole) {
     ASSERT_TRUE(std::ranges::equal(block.vertices().first(3), vertices));
     EXPECT_LT(block.vertices().size(), mesh.points.size() / 2);
     table.resize(block.vertices().size(), 1);
-    for (std::size_t i = 0; i < block.vertices().size(); ++i) table.at(i, 0) = values[block.vertices()[i]];
-    for (std::size_t k = 0; k < 3; ++k) {
-      VertexValue found;
-      const SpatialMoments space = material.find_values(block, k, table, false, {&found, 1});
-      EXPECT_EQ(space.centroid, material.moments(vertices[k]).centroid);
-      const ValueMoments expected = material.value_moments(vertices[k], values);
-      EXPECT_EQ(found.moments.mean, expected.mean);
-      EXPECT_EQ(found.moments.covariance, expected.covariance);
-      EXPECT_EQ(found.gradient, dvec3(0));
-    }
+    for (std::size_t i = 0; i < block.vertices().size(); ++i) table.column(0)[i] = values[block.vertices()[i]];
+    block.find_values(table, false,
+                      [&](std::size_t k, const SpatialMoments& space, std::span<const VertexValue> found) {
+                        EXPECT_EQ(space.centroid, whole.moments[vertices[k]].centroid);
+                        EXPECT_EQ(found[0].moments.mean, whole.value_moments[vertices[k]].mean);
+                        EXPECT_EQ(found[0].moments.covariance, whole.value_moments[vertices[k]].covariance);
+                        EXPECT_EQ(found[0].gradient, dvec3(0));
+                      });
   }
 }
 

@@ -16,6 +16,7 @@
 #include "builder/mesh/boundary.h"
 #include "builder/scattered/scattered.h"
 #include "builder/sources/generator.h"
+#include "tests/builder/support/meshes.h"
 #include "tests/builder/support/piece_source.h"
 #include "tests/builder/support/point_sets.h"
 #include "tests/support/long.h"
@@ -51,12 +52,10 @@ PointBatch whole(Source& source, std::vector<Tetrahedron>* all_tetrahedra = null
   while (*stream.next(all)) {
   }
   const auto tetrahedra = value_of(delaunay_tetrahedra(all.positions));
-  const VertexMaterial mesh(all.positions, tetrahedra);
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    all.moments.push_back(mesh.moments(i));
-    all.value_moments[0].push_back(mesh.value_moments(i, all.values[0]));
-    all.gradients[0].push_back(mesh.gradient(i, all.values[0]));
-  }
+  MeshMaterial material = material_of({all.positions, tetrahedra}, all.values[0]);
+  all.moments = std::move(material.moments);
+  all.value_moments[0] = std::move(material.value_moments);
+  all.gradients[0] = std::move(material.gradients);
   all.planes = boundary_planes(all.positions, find_outer_faces(all.positions, tetrahedra));
   if (all_tetrahedra) *all_tetrahedra = tetrahedra;
   return all;

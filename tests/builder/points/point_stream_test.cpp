@@ -143,19 +143,19 @@ Coordinates coordinates(const dvec3& p) { return {p.x, p.y, p.z}; }
 // `points` have the material of the whole mesh, with the rounding of sums in another order.
 void expect_material_of(const Piece& whole, const PointBatch& points) {
   ASSERT_EQ(points.size(), whole.points.size());
-  const VertexMaterial mesh(whole.points, whole.tetrahedra);
+  const MeshMaterial material = material_of({whole.points, whole.tetrahedra}, whole.values[0]);
   const auto planes = boundary_planes(whole.points, find_outer_faces(whole.points, whole.tetrahedra));
   std::map<Coordinates, std::size_t> index_of;
   for (std::size_t i = 0; i < points.size(); ++i) index_of[coordinates(points.positions[i])] = i;
   std::size_t at_boundary = 0;
   for (std::size_t v = 0; v < whole.points.size(); ++v) {
     const std::size_t i = index_of.at(coordinates(whole.points[v]));
-    const SpatialMoments expected = mesh.moments(v);
+    const SpatialMoments& expected = material.moments[v];
     EXPECT_NEAR(points.moments[i].mass / expected.mass, 1, 1e-13);
     EXPECT_NEAR(points.moments[i].covariance.xx / expected.covariance.xx, 1, 1e-12);
-    const ValueMoments value = mesh.value_moments(v, whole.values[0]);
+    const ValueMoments& value = material.value_moments[v];
     EXPECT_NEAR(points.value_moments[0][i].mean, value.mean, 1e-14);
-    const dvec3 gradient = mesh.gradient(v, whole.values[0]);
+    const dvec3& gradient = material.gradients[v];
     EXPECT_LT(glm::length(points.gradients[0][i] - gradient), 1e-10 * glm::length(gradient));
     EXPECT_LE(glm::length(points.planes[i].area - planes[v].area), 1e-12 * glm::length(planes[v].area)) << v;
     EXPECT_EQ(points.planes[i].offset, 0);

@@ -92,26 +92,37 @@ inline double value_in(const Mesh& mesh, const std::vector<double>& values, cons
   return std::numeric_limits<double>::quiet_NaN();
 }
 
+/// The material of every vertex: of all of it, and of a value.
+struct MeshMaterial {
+  std::vector<SpatialMoments> moments;
+  std::vector<ValueMoments> value_moments;
+  std::vector<dvec3> gradients;
+};
+
+inline MeshMaterial material_of(const Mesh& mesh, const std::vector<double>& values) {
+  const VertexMaterial material(mesh.points, mesh.tetrahedra);
+  VertexBlock block;
+  MeshMaterial result;
+  const auto add = [&](std::size_t, const SpatialMoments& moments, std::span<const VertexValue> found) {
+    result.moments.push_back(moments);
+    result.value_moments.push_back(found[0].moments);
+    result.gradients.push_back(found[0].gradient);
+  };
+  material.find_values(0, mesh.points.size(), {&values, 1}, true, block, add);
+  return result;
+}
+
 /// The moments of every vertex's part of the tetrahedra.
 inline std::vector<SpatialMoments> moments_of(const Mesh& mesh) {
-  const VertexMaterial material(mesh.points, mesh.tetrahedra);
-  std::vector<SpatialMoments> moments;
-  for (std::size_t i = 0; i < mesh.points.size(); ++i) moments.push_back(material.moments(i));
-  return moments;
+  return material_of(mesh, std::vector<double>(mesh.points.size())).moments;
 }
 
 inline std::vector<ValueMoments> value_moments_of(const Mesh& mesh, const std::vector<double>& values) {
-  const VertexMaterial material(mesh.points, mesh.tetrahedra);
-  std::vector<ValueMoments> moments;
-  for (std::size_t i = 0; i < mesh.points.size(); ++i) moments.push_back(material.value_moments(i, values));
-  return moments;
+  return material_of(mesh, values).value_moments;
 }
 
 inline std::vector<dvec3> gradients_of(const Mesh& mesh, const std::vector<double>& values) {
-  const VertexMaterial material(mesh.points, mesh.tetrahedra);
-  std::vector<dvec3> gradients;
-  for (std::size_t i = 0; i < mesh.points.size(); ++i) gradients.push_back(material.gradient(i, values));
-  return gradients;
+  return material_of(mesh, values).gradients;
 }
 
 }  // namespace splatvol::test
