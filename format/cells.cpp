@@ -295,8 +295,8 @@ PackedCells pack_cells(const CellChunk& cells, std::size_t points, std::span<con
     const PointsHeader of_points = add_points(cells, payload);
     std::memcpy(payload.bytes.data() + sizeof(CellsHeader), &of_points, sizeof(of_points));
   }
-  const CellsHeader header = cells.shape == CellShape::polyhedron ? add_polyhedra(cells, payload)
-                                                                  : add_cells(cells, permutations, payload);
+  const CellsHeader header =
+      cells.shape == CellShape::polyhedron ? add_polyhedra(cells, payload) : add_cells(cells, permutations, payload);
   std::memcpy(payload.bytes.data(), &header, sizeof(header));
   PackedCells packed;
   packed.bytes = pack_blocks(payload.bytes, payload.ends);

@@ -227,7 +227,7 @@ FieldReader::Found FieldReader::find_inside(const FieldChunk& chunk, std::uint32
   });
   if (first == no_number) return is_missing ? Found::missing : Found::nothing;
   place.chunk = &chunk;
-  place.number = number;
+  place.chunk_number = number;
   place.tetrahedron = first;
   return Found::value;
 }

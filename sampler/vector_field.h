@@ -79,11 +79,11 @@ struct FieldCell {
 /// A position in the cells. Valid until the reader finds another one.
 struct FieldPlace {
   const FieldChunk* chunk = nullptr;
-  std::uint32_t number = 0;  // of the chunk
+  std::uint32_t chunk_number = 0;
   std::uint32_t tetrahedron = 0;
   CornerWeights weights{};
 
-  [[nodiscard]] FieldCell cell() const { return {number, tetrahedron}; }
+  [[nodiscard]] FieldCell cell() const { return {chunk_number, tetrahedron}; }
 
   [[nodiscard]] TetrahedronCorners corners() const { return chunk->cells.corners_of(tetrahedron); }
   [[nodiscard]] dvec3 vector() const { return {of_attribute(0), of_attribute(1), of_attribute(2)}; }
