@@ -373,7 +373,7 @@ TEST(ValueColumn, DescribesTheValuesAsTheyComeBack) {
   for (const double error : {0.0, 1e-3, 0.3}) {
     StoredValues stored;
     const PackedChunk chunk = pack_values(values, error, bins, &stored);
-    const std::vector<float> out = unpacked_values(chunk, values.size());
+    std::vector<float> out = unpacked_values(chunk, values.size());
     Histogram histogram{};
     std::uint64_t gone = 0;
     double largest = 0;
