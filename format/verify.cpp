@@ -322,10 +322,14 @@ class Volume::Verifier {
       const std::uint64_t number = share + task * shares;
       Walk walk = start_walk(parts[number / pieces], number % pieces, pieces, of_threads[thread]);
       const auto report = [&](std::uint64_t at) {
-        const double done = static_cast<double>(at - walk.begin) / static_cast<double>(walk.end - walk.begin);
+        const auto points = static_cast<double>(std::max<std::uint64_t>(walk.end - walk.begin, 1));
+        const double done = static_cast<double>(at - walk.begin) / points;
         progress_((static_cast<double>(task) + std::min(done, 1.0)) / static_cast<double>(tasks));
       };
-      if (thread == 0) walk.progress = report;
+      if (thread == 0) {
+        walk.progress = report;
+        report(walk.begin);
+      }
       walk.has_all = parts.size() == 1;
       SPLATVOL_TRY_ASSIGN(root, volume_.read_index_root({}));
       SPLATVOL_TRY_ASSIGN(page, with_summaries(std::move(root), root_offset(), walk));

@@ -44,20 +44,13 @@ void Members::add_splats(std::size_t first, std::span<const format::Attribute> a
 
 void Members::erase_front(std::size_t count) {
   size_ -= count;
-  std::memmove(data_.get(), data_.get() + count * bytes_, size_ * bytes_);
-}
-
-void Members::reserve(std::size_t count) {
-  if (count <= capacity_) return;
-  auto grown = std::make_unique_for_overwrite<std::byte[]>(count * bytes_);
-  std::copy_n(data_.get(), size_ * bytes_, grown.get());
-  data_ = std::move(grown);
-  capacity_ = count;
+  for (std::size_t m = 0; count > 0 && m < size_; ++m) std::memcpy(block(m), block(m + count), bytes_);
 }
 
 std::byte* Members::add_block() {
-  if (size_ == capacity_) reserve(std::max<std::size_t>(2 * capacity_, 8));
-  return data_.get() + bytes_ * size_++;
+  if (size_ == slab_members * slabs_.size())
+    slabs_.push_back(std::make_unique_for_overwrite<std::byte[]>(slab_members * bytes_));
+  return block(size_++);
 }
 
 }  // namespace splatvol

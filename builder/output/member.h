@@ -6,6 +6,7 @@
 #include <memory>
 #include <span>
 #include <type_traits>
+#include <vector>
 
 #include "builder/mesh/boundary.h"
 #include "builder/mesh/moments.h"
@@ -70,7 +71,7 @@ struct Member {
   }
 };
 
-/// Members with equally many levels, side by side in memory that is used again.
+/// Members with equally many levels, in slabs of memory that are used again.
 class Members {
  public:
   Members(std::size_t attributes, std::size_t levels)
@@ -78,12 +79,10 @@ class Members {
 
   [[nodiscard]] std::size_t size() const { return size_; }
   [[nodiscard]] bool empty() const { return size_ == 0; }
-  [[nodiscard]] Member& operator[](std::size_t m) { return *reinterpret_cast<Member*>(data_.get() + m * bytes_); }
-  [[nodiscard]] const Member& operator[](std::size_t m) const {
-    return *reinterpret_cast<const Member*>(data_.get() + m * bytes_);
-  }
+  [[nodiscard]] Member& operator[](std::size_t m) { return *reinterpret_cast<Member*>(block(m)); }
+  [[nodiscard]] const Member& operator[](std::size_t m) const { return *reinterpret_cast<const Member*>(block(m)); }
 
-  /// Adds a member without material. Its splats have any value. References end here, as those of a vector.
+  /// Adds a member without material. Its splats have any value.
   Member& add();
 
   /// Adds a copy. Further levels have any value. Requires that `other` has no more levels, and lies elsewhere.
@@ -94,15 +93,19 @@ class Members {
 
   void erase_front(std::size_t count);
   void clear() { size_ = 0; }
-  void reserve(std::size_t count);
 
  private:
+  static constexpr std::size_t slab_members = 16;
+
+  [[nodiscard]] std::byte* block(std::size_t m) const {
+    return slabs_[m / slab_members].get() + m % slab_members * bytes_;
+  }
   std::byte* add_block();
 
   std::size_t attributes_, levels_;
   std::size_t bytes_;  // of a member
-  std::size_t size_ = 0, capacity_ = 0;
-  std::unique_ptr<std::byte[]> data_;
+  std::size_t size_ = 0;
+  std::vector<std::unique_ptr<std::byte[]>> slabs_;
 };
 
 }  // namespace splatvol

@@ -40,7 +40,6 @@ class BatchReducer {
   }
 
   void run() {
-    if (settings_.reduces) result_.members.reserve(most_members());
     for (const NodePart& part : batch_.leaf_parts) {
       part_ = part;
       const std::size_t first_member = result_.members.size();
@@ -184,14 +183,6 @@ class BatchReducer {
         include(leaf, a, splat.min, splat.max, member.values()[a].value);
       }
     }
-  }
-
-  std::size_t most_members() const {
-    const std::vector<std::uint32_t>& owners = result_.owners;
-    if (owners.empty()) return result_.leaves.size();
-    std::size_t stay = 0;
-    for (std::size_t i = 0; i < owners.size(); ++i) stay += owners[i] == i;
-    return stay;
   }
 
   template <class Cluster>
