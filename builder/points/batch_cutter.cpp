@@ -17,11 +17,14 @@ BatchCutter::BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t 
   held_.resize_attributes(attributes);
 }
 
-// Holds at least `points`, or all that are left.
+// Holds at least `points`, or all that are left. Batches get this memory, so it must not grow to twice as much.
 Status BatchCutter::hold(std::size_t points) {
   while (!ended_ && held_.size() < points) {
     SPLATVOL_TRY_ASSIGN(more, next_(held_));
     ended_ = !more;
+    for_each_array(held_, held_, [&](auto& array, auto&) {
+      if (!array.empty()) array.reserve(points + points_at_once);
+    });
   }
   return {};
 }
