@@ -17,7 +17,7 @@ BatchCutter::BatchCutter(NextPoints next, std::size_t attributes, std::uint64_t 
   held_.resize_attributes(attributes);
 }
 
-// Holds at least `points`, or all that are left. Batches get this memory, so it must not grow to twice as much.
+// Holds at least `points`, or all that are left, in memory that does not grow to twice as much.
 Status BatchCutter::hold(std::size_t points) {
   while (!ended_ && held_.size() < points) {
     SPLATVOL_TRY_ASSIGN(more, next_(held_));
@@ -73,10 +73,9 @@ void BatchCutter::extract_points(std::size_t end, PointBatch& batch) {
   before_ = held_.positions[end - 1];
   for_each_array(held_, batch, [&](auto& held, auto& extracted) {
     if (held.empty()) return;  // not known yet: the estimate writes over the material of the last batch
-    std::swap(held, extracted);
-    const auto rest = extracted.begin() + static_cast<std::ptrdiff_t>(end);
-    held.assign(rest, extracted.end());
-    extracted.erase(rest, extracted.end());
+    const auto rest = held.begin() + static_cast<std::ptrdiff_t>(end);
+    extracted.assign(held.begin(), rest);
+    held.erase(held.begin(), rest);
   });
   batch.behind = held_.size() > 0 ? held_.positions.front() : borders_.behind;
 }
