@@ -266,7 +266,7 @@ class Volume::Verifier {
     std::size_t number = 0;
   };
 
-  // What is wrong: the first chunk of the file, and the nodes in the order of what they are checked against.
+  // The wrong chunk that comes first in the file, and the wrong nodes that are told first (order_of).
   struct Findings {
     static constexpr std::uint64_t nothing = ~std::uint64_t{0};
     std::uint64_t chunk = nothing, contents = nothing;

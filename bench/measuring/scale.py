@@ -95,7 +95,7 @@ def row(source, memory, said):
     )
 
 
-# What two versions are compared by: a title, the number in a result of build(), its decimals.
+# Two versions are compared by these: a title, the number in a result of build(), its decimals.
 QUANTITIES = (
     ("processor seconds", lambda said: said["cpu"], 2),
     ("seconds", lambda said: said["wall"], 2),

@@ -7,6 +7,10 @@
 
 namespace splatvol {
 
+// So all parts of a block are aligned.
+static_assert(alignof(Member) <= __STDCPP_DEFAULT_NEW_ALIGNMENT__ && sizeof(MemberValue) % alignof(Member) == 0 &&
+              sizeof(StoredSplat) % alignof(Member) == 0 && sizeof(StoredValue) % alignof(Member) == 0);
+
 Member& Members::add() {
   Member& member = *std::construct_at(reinterpret_cast<Member*>(add_block()));
   member.attributes = static_cast<std::uint32_t>(attributes_);

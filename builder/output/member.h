@@ -26,7 +26,7 @@ struct MemberValue {
 };
 
 /// A point that stays for a coarser level, with the material of its cluster there. One block of memory holds it: behind
-/// these members come a value for each attribute, then the splats of all levels up to the present one.
+/// these fields come a value for each attribute, then the splats of all levels up to the present one.
 struct Member {
   MortonKey key;
   std::uint64_t leaf = 0;                    // number of its index leaf

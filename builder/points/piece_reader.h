@@ -97,7 +97,7 @@ class PieceReader {
   [[nodiscard]] InputSummary summary(const JoinedAttributes& joined) const;
 
  private:
-  // What the records of a piece need.
+  // Lists that the records of a piece are made of.
   struct Prepared {
     std::vector<std::uint32_t> kept;  // points
     bool has_mesh = false;            // the points have their material from tetrahedra
