@@ -65,14 +65,18 @@ class ConvexCell {
     dvec3 normal;
     std::uint32_t label;
   };
-  // An outside vertex, and its edge that the plane of the current cut crosses.
+  // An edge from outside to inside, which the plane of the current cut crosses.
   struct Crossing {
-    std::uint32_t vertex, edge;
+    std::uint32_t vertex, edge;  // outside
+    Edge inside;                 // the same edge, as it goes on inside
+    dvec3 position;
+    std::uint32_t place;  // of the new vertex
+    std::uint32_t back;   // the crossing where the new face's edge from here ends
   };
   void make_room(std::size_t count);
-  void cross_edges();
-  [[nodiscard]] bool join_crossings(std::uint32_t first);
-  void forget_outside();
+  void find_crossings();
+  [[nodiscard]] bool join_crossings();
+  void replace_outside();
 
   std::uint32_t count_ = 0;      // of vertices; arrays may be longer, so that nothing is made that is not used
   std::vector<dvec3> vertices_;  // [vertex], as the next two
@@ -84,7 +88,7 @@ class ConvexCell {
 
   mutable std::vector<Face> faces_;  // empty: not found yet
   mutable std::vector<std::uint32_t> loops_;
-  mutable std::vector<std::uint8_t> seen_;
+  mutable std::vector<std::uint32_t> seen_;
   mutable std::vector<double> weights_;  // [vertex]: volume of the tetrahedra at it
 };
 
