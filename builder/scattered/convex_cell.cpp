@@ -7,7 +7,10 @@ namespace splatvol {
 namespace {
 
 // Along a face, to the left of which edge `number` leads away from a vertex, this edge leads on.
-std::uint32_t next_edge(std::uint32_t number) { return number == 0 ? 2 : number - 1; }
+std::uint32_t next_edge(std::uint32_t number) {
+  // 2, 0, 1: a branch would be guessed wrong.
+  return 0b01'00'10U >> 2 * number & 3;
+}
 
 }  // namespace
 
@@ -16,6 +19,8 @@ void ConvexCell::make_room(std::size_t count) {
   vertices_.resize(2 * count);
   edges_.resize(2 * count);
   heights_.resize(2 * count);
+  outside_.resize(2 * count);
+  crossings_.resize(6 * count);
 }
 
 void ConvexCell::reset(const dvec3& low, const dvec3& high) {
@@ -36,26 +41,25 @@ void ConvexCell::reset(const dvec3& low, const dvec3& high) {
     for (const double side : {-1.0, 1.0}) {
       dvec3 normal{0};
       normal[axis] = side;
-      planes_.push_back({normal, no_label});
+      planes_.emplace_back(normal, no_label);
     }
 }
 
 bool ConvexCell::clip(const dvec3& normal, double offset, std::uint32_t label) {
-  outside_.resize(count_);
-  std::size_t outside = 0;
   for (std::uint32_t v = 0; v < count_; ++v) heights_[v] = glm::dot(normal, vertices_[v]) - offset;
+  std::size_t count = 0;
   for (std::uint32_t v = 0; v < count_; ++v) {
-    outside_[outside] = v;
-    outside += heights_[v] > 0 ? 1 : 0;
+    outside_[count] = v;
+    count += heights_[v] > 0 ? 1 : 0;
   }
-  if (outside == 0) return false;
-  outside_.resize(outside);
+  if (count == 0) return false;
   faces_.clear();
-  planes_.push_back({normal, label});
-  find_crossings();
-  make_room(count_ + crossings_.size());
-  const bool joined = join_crossings();
-  if (joined) replace_outside();
+  planes_.emplace_back(normal, label);
+  make_room(count_ + 3 * count);
+  const std::span outside = std::span(outside_).first(count);
+  const std::span crossings = find_crossings(outside);
+  const bool joined = join(crossings);
+  if (joined) replace(outside, crossings);
   // With three faces at each vertex, a closed cell has fewer than two vertices for each face, or a few more by
   // rounding. Sizes that are many decades apart can round it open: then it would grow with every cut, and nothing is
   // left of it.
@@ -64,16 +68,14 @@ bool ConvexCell::clip(const dvec3& normal, double offset, std::uint32_t label) {
   return true;
 }
 
-// Lists the edges from outside to inside. Outside, they lead on to the crossing's number, after those of vertices.
-void ConvexCell::find_crossings() {
-  crossings_.resize(3 * outside_.size());
+// Lists the edges from outside to inside. From outside, each then leads to its crossing: numbers from count_ on.
+std::span<ConvexCell::Crossing> ConvexCell::find_crossings(std::span<const std::uint32_t> outside) {
   std::uint32_t count = 0;
-  for (const std::uint32_t v : outside_)
+  for (const std::uint32_t v : outside)
     for (std::uint32_t k = 0; k < 3; ++k) {
       crossings_[count].vertex = v, crossings_[count].edge = k;
       count += heights_[edges_[v][k].to] > 0 ? 0 : 1;
     }
-  crossings_.resize(count);
   for (std::uint32_t c = 0; c < count; ++c) {
     Crossing& crossing = crossings_[c];
     const std::uint32_t v = crossing.vertex;
@@ -82,16 +84,17 @@ void ConvexCell::find_crossings() {
     crossing.position = vertices_[edge.to] + share * (vertices_[v] - vertices_[edge.to]);
     crossing.inside = edge;
     edge.to = count_ + c;
-    // The last ones take the places of outside vertices, which nothing needs any more after this cut.
+    // The last new vertices take the places of the outside ones.
     const std::size_t from_end = count - 1 - c;
-    crossing.place = from_end < outside_.size() ? outside_[from_end] : count_ + c;
+    crossing.place = from_end < outside.size() ? outside[from_end] : count_ + c;
   }
+  return std::span(crossings_).first(count);
 }
 
 // Goes along the outside vertices of each cut face: from the crossing out of the inside to the crossing back. Returns
 // false if the way round a face does not end.
-bool ConvexCell::join_crossings() {
-  for (Crossing& crossing : crossings_) {
+bool ConvexCell::join(std::span<Crossing> crossings) {
+  for (Crossing& crossing : crossings) {
     std::uint32_t vertex = crossing.vertex, edge = next_edge(crossing.edge);
     for (std::uint32_t steps = 0; edges_[vertex][edge].to < count_; ++steps) {
       if (steps > count_) return false;
@@ -105,10 +108,10 @@ bool ConvexCell::join_crossings() {
 }
 
 // Puts a vertex at each crossing, whose edge 0 leads inside. Moves the last vertices to where other outside ones are.
-void ConvexCell::replace_outside() {
+void ConvexCell::replace(std::span<const std::uint32_t> outside, std::span<const Crossing> crossings) {
   const auto cap = static_cast<std::uint32_t>(planes_.size() - 1);
-  for (const Crossing& crossing : crossings_) {
-    const std::uint32_t place = crossing.place, back = crossings_[crossing.back].place;
+  for (const Crossing& crossing : crossings) {
+    const std::uint32_t place = crossing.place, back = crossings[crossing.back].place;
     Edge& inside = edges_[crossing.inside.to][crossing.inside.number];
     vertices_[place] = crossing.position;
     heights_[place] = 0;
@@ -117,9 +120,9 @@ void ConvexCell::replace_outside() {
     edges_[back][1] = {place, 2, cap};
     inside.to = place, inside.number = 0;
   }
-  const std::size_t replaced = std::min(crossings_.size(), outside_.size());
-  count_ += static_cast<std::uint32_t>(crossings_.size() - replaced);
-  for (const std::uint32_t v : std::span(outside_).subspan(replaced)) {
+  const std::size_t replaced = std::min(crossings.size(), outside.size());
+  count_ += static_cast<std::uint32_t>(crossings.size() - replaced);
+  for (const std::uint32_t v : outside.subspan(replaced)) {
     while (count_ > 0 && heights_[count_ - 1] > 0) --count_;
     if (v >= count_) break;
     --count_;
@@ -157,7 +160,7 @@ std::span<const ConvexCell::Face> ConvexCell::faces() const {
         at = along.to;
         edge = next_edge(along.number);
       }
-      faces_.push_back({plane.normal, plane.label, begin, end});
+      faces_.emplace_back(plane.normal, plane.label, begin, end);
     }
   return faces_;
 }

@@ -74,17 +74,17 @@ class ConvexCell {
     std::uint32_t back;   // the crossing where the new face's edge from here ends
   };
   void make_room(std::size_t count);
-  void find_crossings();
-  [[nodiscard]] bool join_crossings();
-  void replace_outside();
+  std::span<Crossing> find_crossings(std::span<const std::uint32_t> outside);
+  [[nodiscard]] bool join(std::span<Crossing> crossings);
+  void replace(std::span<const std::uint32_t> outside, std::span<const Crossing> crossings);
 
   std::uint32_t count_ = 0;      // of vertices; arrays may be longer, so that nothing is made that is not used
   std::vector<dvec3> vertices_;  // [vertex], as the next two
   std::vector<Edges> edges_;
-  std::vector<double> heights_;  // over the plane of the current cut
-  std::vector<Plane> planes_;
+  std::vector<double> heights_;         // over the plane of the current cut
   std::vector<std::uint32_t> outside_;  // of the current cut: vertices, ascending
   std::vector<Crossing> crossings_;
+  std::vector<Plane> planes_;
 
   mutable std::vector<Face> faces_;  // empty: not found yet
   mutable std::vector<std::uint32_t> loops_;
