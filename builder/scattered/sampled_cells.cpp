@@ -27,15 +27,17 @@ constexpr double same_void = 0.9;
 }  // namespace
 
 void SampledCells::Found::add(std::uint32_t point) {
-  if (count == most || std::find(points.begin(), points.begin() + count, point) != points.begin() + count) return;
-  points[count++] = point;
+  std::uint32_t known = count == most ? 1U : 0U;
+  for (std::uint32_t i = 0; i < most; ++i) known |= points[i] == point ? 1U : 0U;
+  if (known == 0) points[count++] = point;
 }
 
 void SampledCells::find(std::span<const dvec3> positions, std::size_t own, std::size_t coincident) {
   set_positions(positions, own, coincident);
   const std::size_t count = own_ - coincident_;
-  found_.resize(count);
-  for (Found& found : found_) found.count = 0;
+  Found none;
+  none.points.fill(PointLeaves::none);
+  found_.assign(count, none);
   cells_.assign(count, {});
   neighbours_.clear();
   if (count == 0) return;
