@@ -88,8 +88,8 @@ class ConvexCell {
 
   mutable std::vector<Face> faces_;  // empty: not found yet
   mutable std::vector<std::uint32_t> loops_;
-  mutable std::vector<std::uint32_t> seen_;
-  mutable std::vector<double> weights_;  // [vertex]: volume of the tetrahedra at it
+  mutable std::vector<std::uint32_t> seen_;  // no bytes, as their writes might change any other number
+  mutable std::vector<double> weights_;      // [vertex]: volume of the tetrahedra at it
 };
 
 }  // namespace splatvol

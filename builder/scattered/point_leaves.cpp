@@ -159,8 +159,8 @@ void PointLeaves::search(std::uint32_t number, Search& search) const {
 }
 
 void PointLeaves::find(const Box& box, std::vector<Entry>& found) const {
-  constexpr double any = std::numeric_limits<double>::max();
-  find(0, {Lanes{box.low.x, box.low.y, box.low.z, -any}}, {Lanes{box.high.x, box.high.y, box.high.z, any}}, found);
+  constexpr double most = std::numeric_limits<double>::max();
+  find(0, {Lanes{box.low.x, box.low.y, box.low.z, -most}}, {Lanes{box.high.x, box.high.y, box.high.z, most}}, found);
 }
 
 void PointLeaves::find(std::uint32_t number, const Entry& low, const Entry& high, std::vector<Entry>& found) const {
