@@ -49,12 +49,15 @@ void PointLeaves::split(std::uint32_t begin, std::uint32_t end, Box cell, Origin
   }
   const Box box{low.position(), high.position()};
   const std::size_t number = nodes_.size();
-  nodes_.push_back({low.lanes, high.lanes, begin, end, 0});
+  const std::uint32_t first = low.point();
+  low.lanes[3] = begin, high.lanes[3] = 0;
+  nodes_.push_back({low.lanes, high.lanes});
   // Every location of the cell is nearer to its entries.
-  if (low.point() >= own_ && squared_distance(box, own_box_) > squared_length(cell.extent())) origin.wanted = false;
+  if (first >= own_ && squared_distance(box, own_box_) > squared_length(cell.extent())) origin.wanted = false;
   if (end - begin <= leaf_points || box.low == box.high) {
-    nodes_[number].end = keep_distinct(begin, end, box);
-    for (std::uint32_t i = begin; i < nodes_[number].end; ++i) kept_[entries_[i].point()] = 1;
+    const std::uint32_t kept = keep_distinct(begin, end, box);
+    nodes_[number].high[3] = kept;
+    for (std::uint32_t i = begin; i < kept; ++i) kept_[entries_[i].point()] = 1;
     return add_leaf(cell, origin, true);
   }
   if (origin.block == none && end - begin <= block_points) {
@@ -69,7 +72,7 @@ void PointLeaves::split(std::uint32_t begin, std::uint32_t end, Box cell, Origin
   Box lower = cell, upper = cell;
   lower.high[cut.axis] = upper.low[cut.axis] = cut.at;
   split(begin, half, lower, origin);
-  nodes_[number].upper = static_cast<std::uint32_t>(nodes_.size());
+  nodes_[number].low[3] = static_cast<double>(nodes_.size());
   split(half, end, upper, origin);
 }
 
@@ -138,8 +141,8 @@ const PointLeaves::Entry* PointLeaves::nearest(const dvec3& from, double distanc
 
 void PointLeaves::search(std::uint32_t number, Search& search) const {
   const Node& node = nodes_[number];
-  if (node.upper == 0) {
-    for (std::uint32_t i = node.begin; i < node.end; ++i) {
+  if (node.is_leaf()) {
+    for (std::uint32_t i = node.begin(); i < node.end(); ++i) {
       const double square = squared_length(entries_[i].lanes - search.from);
       if (square < search.square && entries_[i].point() != search.but)
         search.square = square, search.best = &entries_[i];
@@ -151,7 +154,7 @@ void PointLeaves::search(std::uint32_t number, Search& search) const {
     const Lanes outside = below > above ? below : above;
     return squared_length(outside > 0 ? outside : Lanes{});
   };
-  std::uint32_t near = number + 1, far = node.upper;
+  std::uint32_t near = number + 1, far = node.upper();
   double to_near = square_to(nodes_[near]), to_far = square_to(nodes_[far]);
   if (to_far < to_near) std::swap(near, far), std::swap(to_near, to_far);
   if (to_near < search.square) this->search(near, search);
@@ -169,13 +172,13 @@ void PointLeaves::find(std::uint32_t number, const Entry& low, const Entry& high
   };
   const Node& node = nodes_[number];
   if (is_outside(node.low, node.high)) return;
-  if (node.upper != 0) {
+  if (!node.is_leaf()) {
     find(number + 1, low, high, found);
-    return find(node.upper, low, high, found);
+    return find(node.upper(), low, high, found);
   }
   std::size_t kept = found.size();
-  found.resize(kept + node.end - node.begin);
-  for (std::uint32_t i = node.begin; i < node.end; ++i) {
+  found.resize(kept + node.end() - node.begin());
+  for (std::uint32_t i = node.begin(); i < node.end(); ++i) {
     found[kept] = entries_[i];
     kept += is_outside(entries_[i].lanes, entries_[i].lanes) ? 0 : 1;
   }

@@ -52,11 +52,15 @@ class PointLeaves {
   void find(const Box& box, std::vector<Entry>& found) const;
 
  private:
-  // A node of the tree of entries. Its lower child follows it.
+  // A node of the tree of entries: a cache line. Its lower child follows it.
   struct Node {
-    Lanes low, high;  // of its entries' lanes
-    std::uint32_t begin, end;
-    std::uint32_t upper = 0;  // its upper child; 0: the entries of one leaf
+    // Of its entries. Then, of a leaf, where its entries begin and end; else its upper child, and 0.
+    Lanes low, high;
+
+    [[nodiscard]] bool is_leaf() const { return high[3] != 0; }
+    [[nodiscard]] std::uint32_t begin() const { return static_cast<std::uint32_t>(low[3]); }
+    [[nodiscard]] std::uint32_t end() const { return static_cast<std::uint32_t>(high[3]); }
+    [[nodiscard]] std::uint32_t upper() const { return begin(); }
   };
   // Where leaves come from.
   struct Origin {
