@@ -120,6 +120,8 @@ Result<std::shared_ptr<const BytesAhead>> BytesAhead::read(std::shared_ptr<Count
   }
   if (!is_read) {
     if (!ahead->make_room(joined, share)) return nullptr;
+    if (!ahead->source_->prefetch(joined))
+      return fail(ErrorCode::pending, "{}: its bytes have not come yet", ahead->source_->source().name());
     SPLATVOL_TRY(ahead->read_singly(at_once));
   }
   ahead->give_to_source();

@@ -17,13 +17,6 @@
 
 namespace splatvol {
 
-/// Bytes of a file, from `begin` up to `end`.
-struct ByteRange {
-  std::uint64_t begin = 0, end = 0;
-
-  [[nodiscard]] bool operator==(const ByteRange&) const = default;
-};
-
 /// Of a request for many ranges: what a range costs, in bytes, and the most of both. Servers refuse requests with more.
 inline constexpr std::uint64_t bytes_of_part = 256;
 inline constexpr std::size_t most_parts = 100;
@@ -60,6 +53,9 @@ class CountedSource {
 
   /// As ByteSource::read. Takes bytes that were read ahead from memory.
   [[nodiscard]] Status read(std::uint64_t offset, std::span<std::byte> out);
+
+  /// As ByteSource::prefetch.
+  [[nodiscard]] bool prefetch(std::span<const ByteRange> ranges) { return source_->prefetch(ranges); }
 
   /// As ByteSource::read_parts.
   [[nodiscard]] Result<bool> read_parts(std::span<const ByteSource::Part> parts);

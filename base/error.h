@@ -24,6 +24,17 @@ template <class... Args>
 /// Passes an error on, with `where` in front of its message: "mesh.vtu: not XML".
 [[nodiscard]] tl::unexpected<Error> fail_in(const std::string& where, const Error& error);
 
+/// Whether nothing is wrong: something was not done to its end.
+[[nodiscard]] inline bool is_unfinished(const Error& error) {
+  return error.code == ErrorCode::cancelled || error.code == ErrorCode::pending;
+}
+
+/// Whether a result is to be tried again when bytes have come.
+template <class T>
+[[nodiscard]] bool is_pending(const Result<T>& result) {
+  return !result && result.error().code == ErrorCode::pending;
+}
+
 // Early return of errors. The first form discards the value; the second declares `name` with it; the third assigns it.
 #define SPLATVOL_TRY(expression)                                                                                   \
   do {                                                                                                             \

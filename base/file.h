@@ -15,6 +15,13 @@
 
 namespace splatvol {
 
+/// Bytes of a file, from `begin` up to `end`.
+struct ByteRange {
+  std::uint64_t begin = 0, end = 0;
+
+  [[nodiscard]] bool operator==(const ByteRange&) const = default;
+};
+
 /// Random access to the bytes of a file, wherever the file is. Implementations are thread-safe.
 class ByteSource {
  public:
@@ -25,6 +32,13 @@ class ByteSource {
 
   /// Fills `out` with the bytes at `offset`. Fails unless all of them exist and were read.
   [[nodiscard]] virtual Status read(std::uint64_t offset, std::span<std::byte> out) = 0;
+
+  /// Whether reads wait for their bytes. Else a read of bytes that have not come fails with ErrorCode::pending, and is
+  /// to be tried again later.
+  [[nodiscard]] virtual bool waits() const { return true; }
+
+  /// Begins to fetch ranges, unless reads wait. Returns false if some have not come: a read would fail.
+  [[nodiscard]] virtual bool prefetch(std::span<const ByteRange> /*ranges*/) { return true; }
 
   /// Largest gap between two wanted ranges, in bytes, that is cheaper to read through than to skip.
   [[nodiscard]] virtual std::uint64_t cheap_gap() const { return 1024; }

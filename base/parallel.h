@@ -3,10 +3,9 @@
 
 #include <cstddef>
 
-#ifdef __EMSCRIPTEN__
-#define SPLATVOL_ONE_THREAD 1
-#else
-#define SPLATVOL_ONE_THREAD 0
+#include "base/has_threads.h"
+
+#if !SPLATVOL_ONE_THREAD
 #include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/enumerable_thread_specific.h>
 #include <oneapi/tbb/parallel_for.h>

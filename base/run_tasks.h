@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/fetched_source.h"
+#include "base/has_threads.h"
 #include "base/interruption.h"
 
 namespace splatvol {
@@ -26,11 +28,16 @@ template <class Task>
     }
   };
   std::vector<std::future<void>> others;
-  for (std::size_t thread = 1; thread < std::min(threads, tasks); ++thread)
-    others.push_back(std::async(std::launch::async | std::launch::deferred, [&, thread, stop = stop_of_thread()] {
-      const Interruptible interruptible(stop);
-      run(thread);
-    }));
+  const auto begin = [&](std::size_t thread) {
+    return std::async(std::launch::async | std::launch::deferred,
+                      [&, thread, stop = stop_of_thread(), bytes = FetchedBytes::of_thread()] {
+                        const Interruptible interruptible(stop);
+                        const FetchedBytes::Scope scope(bytes);
+                        run(thread);
+                      });
+  };
+  if constexpr (has_threads)
+    for (std::size_t thread = 1; thread < std::min(threads, tasks); ++thread) others.push_back(begin(thread));
   run(0);
   for (std::future<void>& other : others) other.get();
   for (const Status& result : results) SPLATVOL_TRY(result);

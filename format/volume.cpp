@@ -206,6 +206,11 @@ Result<std::shared_ptr<const BytesAhead>> Volume::read_together(std::vector<Byte
   return ranges.empty() ? nullptr : BytesAhead::read_together(source_, std::move(ranges), cheap_gap());
 }
 
+bool Volume::prefetch(std::vector<ByteRange> ranges) const {
+  erase_held(ranges);
+  return source_->prefetch(join_ranges(std::move(ranges), cheap_gap()));
+}
+
 // Leaves out what the preambles hold, and what was read ahead.
 void Volume::erase_held(std::vector<ByteRange>& ranges) const {
   std::erase_if(ranges, [&](const ByteRange& range) {

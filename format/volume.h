@@ -170,6 +170,12 @@ class Volume {
   /// memory.
   [[nodiscard]] Result<std::shared_ptr<const BytesAhead>> read_together(std::vector<ByteRange> ranges) const;
 
+  /// Whether reads of the file wait for their bytes (ByteSource::waits).
+  [[nodiscard]] bool waits() const { return source_->source().waits(); }
+
+  /// Begins to fetch what read_together will read, as ByteSource::prefetch does.
+  [[nodiscard]] bool prefetch(std::vector<ByteRange> ranges) const;
+
   /// Return the bytes that are read first of an index page, and of its summaries at the step of a series.
   [[nodiscard]] ByteRange range_of_index_page(const IndexPageRef& ref) const;
   [[nodiscard]] ByteRange range_of_summaries(const IndexPage& page) const;

@@ -9,6 +9,8 @@
 #include <stop_token>
 #include <utility>
 
+#include "base/error.h"
+#include "base/fetched_source.h"
 #include "base/interruption.h"
 
 namespace splatvol {
@@ -32,21 +34,23 @@ class SessionHost {
 
   virtual ~SessionHost() = default;
 
-  /// Begins a job. Where no thread starts, it has ended on return.
-  [[nodiscard]] virtual std::unique_ptr<Job> begin(std::function<void()> work, Priority priority) = 0;
+  /// Begins a job. `work` returns whether it has ended; else it is to be called again when bytes have come
+  /// (ErrorCode::pending). Where no thread starts, it has ended on return.
+  [[nodiscard]] virtual std::unique_ptr<Job> begin(std::function<bool()> work, Priority priority) = 0;
 
   /// Returns the seconds since some beginning. Thread-safe.
   [[nodiscard]] virtual double now() const = 0;
 };
 
-/// A host without threads: each job runs at once.
+/// A host without threads, for files whose reads wait: each job runs at once.
 class InlineHost : public SessionHost {
  public:
-  [[nodiscard]] std::unique_ptr<Job> begin(std::function<void()> work, Priority /*priority*/) override {
+  [[nodiscard]] std::unique_ptr<Job> begin(std::function<bool()> work, Priority /*priority*/) override {
     struct Ended final : Job {
       [[nodiscard]] bool wait(double /*seconds*/) const override { return true; }
     };
-    work();
+    while (!work()) {
+    }
     return std::make_unique<Ended>();
   }
   [[nodiscard]] double now() const override {
@@ -54,7 +58,8 @@ class InlineHost : public SessionHost {
   }
 };
 
-/// A job with a result, which heeds an interruption (base/interruption.h). At first there is none.
+/// A job with a result, which heeds an interruption (base/interruption.h). At first there is none. A result that is
+/// pending is none: the work is done again, and the bytes that it has read stay until its end.
 template <class Value>
 class Task {
  public:
@@ -64,9 +69,15 @@ class Task {
       : stop_(std::stop_source()),
         value_(std::make_shared<std::optional<Value>>()),
         job_(host.begin(
-            [value = value_, work = std::move(work), stop = stop_.get_token()]() mutable {
+            [value = value_, work = std::move(work), stop = stop_.get_token(),
+             bytes = std::make_shared<FetchedBytes>()]() mutable {
               const Interruptible interruptible(stop);
-              value->emplace(work());
+              const FetchedBytes::Scope scope(bytes.get());
+              Value made = work();
+              if constexpr (requires { is_pending(made); })
+                if (is_pending(made) && !stop.stop_requested()) return false;
+              value->emplace(std::move(made));
+              return true;
             },
             priority)) {}
 

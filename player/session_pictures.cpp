@@ -58,7 +58,7 @@ Status Session::begin_picture(bool moves, double seconds) {
 Status Session::choose_picture() {
   awaited_.is_awaited_after = awaited_.is_awaited;
   Result<Choices> choices = choices_for(picture_.moves);
-  if (!choices && choices.error().code == ErrorCode::cancelled) return tl::unexpected(choices.error());
+  if (!choices && is_unfinished(choices.error())) return tl::unexpected(choices.error());
   if (!choices) {
     picture_.cells = tl::unexpected(choices.error());
     return {};
@@ -108,7 +108,7 @@ Status Session::draw_picture(double seconds) {
   } else if (const Result<Outcome> exact = player_->draw(drawn); exact) {
     picture_.outcome = *exact;
     awaited_.is_awaited_after = false;
-  } else if (exact.error().code == ErrorCode::cancelled) {
+  } else if (is_unfinished(exact.error())) {
     return tl::unexpected(exact.error());
   } else {
     picture_.cells = tl::unexpected(exact.error());

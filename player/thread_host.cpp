@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <future>
+#include <optional>
 #include <system_error>
 
 #include "base/low_priority_loops.h"
@@ -26,17 +27,19 @@ class ThreadJob final : public Job {
 
 }  // namespace
 
-std::unique_ptr<Job> ThreadHost::begin(std::function<void()> work, Priority priority) {
-  const auto kept = std::make_shared<std::function<void()>>(std::move(work));  // what it captures may be large
+std::unique_ptr<Job> ThreadHost::begin(std::function<bool()> work, Priority priority) {
+  const auto kept = std::make_shared<std::function<bool()>>(std::move(work));  // what it captures may be large
   const auto run = [kept, priority] {
-    if (priority == Priority::usual) return (*kept)();
-    const LowPriorityLoops low;
-    (*kept)();
+    std::optional<LowPriorityLoops> low;
+    if (priority == Priority::low) low.emplace();
+    while (!(*kept)()) {
+    }
   };
   try {
     return std::make_unique<ThreadJob>(std::async(std::launch::async, run));
   } catch (const std::system_error&) {  // no thread starts
-    return InlineHost::begin(run, priority);
+    run();
+    return InlineHost::begin([] { return true; }, priority);
   }
 }
 

@@ -7,7 +7,7 @@ namespace splatvol {
 
 class ThreadHost final : public InlineHost {
  public:
-  [[nodiscard]] std::unique_ptr<Job> begin(std::function<void()> work, Priority priority) override;
+  [[nodiscard]] std::unique_ptr<Job> begin(std::function<bool()> work, Priority priority) override;
 };
 
 }  // namespace splatvol

@@ -14,6 +14,7 @@ enum class ErrorCode {
   out_of_budget,     // it would not fit into the granted memory
   device,            // OpenGL or EGL failed
   cancelled,         // the caller changed its mind
+  pending,           // bytes have not come yet, and no read waits: the same again will do later
 };
 
 /// A failure. Its message is one line, which names the file and the broken rule.

@@ -3,14 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <atomic>
 #include <iterator>
 #include <new>
-#include <system_error>
-#include <thread>
 #include <utility>
 
 #include "base/interruption.h"
+#include "base/run_tasks.h"
 #include "format/columns.h"
 #include "streamer/store/decode.h"
 #include "streamer/store/row_bytes.h"
@@ -112,11 +110,17 @@ Result<PartData> read_part(const format::Volume& volume, const format::SummaryAt
   return read_row(volume, part);
 }
 
-// Where the bytes cannot be read together, each part is read by itself and tells what failed.
-void read_parts(const format::Volume& volume, const format::SummaryAttributes& attributes, LoadRun& run) {
+// Of the first read.
+std::vector<ByteRange> ranges_of(const format::Volume& volume, const LoadRun& run) {
   std::vector<ByteRange> ranges;
   for (const PartLoad& part : run) std::ranges::copy(ranges_of(volume, part), std::back_inserter(ranges));
-  const auto together = volume.read_together(std::exchange(ranges, {}));
+  return ranges;
+}
+
+// Where the bytes cannot be read together, each part is read by itself and tells what failed.
+void read_parts(const format::Volume& volume, const format::SummaryAttributes& attributes, LoadRun& run) {
+  const auto together = volume.read_together(ranges_of(volume, run));
+  std::vector<ByteRange> ranges;
   for (const PartLoad& part : run)
     if (const auto* page = std::get_if<IndexPageLoad>(&part.what); page && !page->structure)
       std::ranges::copy(volume.ranges_behind(page->ref, attributes), std::back_inserter(ranges));
@@ -240,20 +244,15 @@ void cancel(LoadRun& run) {
 }  // namespace
 
 void read_runs(const format::Volume& volume, const format::SummaryAttributes& attributes, std::span<LoadRun> runs) {
-  std::atomic<std::size_t> next = 0;
-  const std::stop_token stop = stop_of_thread();
-  const auto work = [&] {
-    const Interruptible interruptible(stop);
-    for (std::size_t i = next++; i < runs.size(); i = next++)
-      stop.stop_requested() ? cancel(runs[i]) : read_run(volume, attributes, runs[i]);
-  };
-  std::vector<std::jthread> others;
-  try {
-    for (std::size_t t = 1; t < std::min<std::size_t>(read_threads, runs.size()); ++t) others.emplace_back(work);
-  } catch (const std::system_error&) {
-    // Fewer threads do the same.
-  }
-  work();
+  for (const LoadRun& run : runs) prefetch(volume, run);
+  static_cast<void>(run_tasks(runs.size(), read_threads, [&](std::size_t i, std::size_t /*thread*/) -> Status {
+    is_interrupted() ? cancel(runs[i]) : read_run(volume, attributes, runs[i]);
+    return {};
+  }));
+}
+
+bool prefetch(const format::Volume& volume, const LoadRun& run) {
+  return volume.waits() || volume.prefetch(ranges_of(volume, run));
 }
 
 }  // namespace splatvol

@@ -104,4 +104,7 @@ void read_run(const format::Volume& volume, const format::SummaryAttributes& att
 /// The same for several load runs, read_threads at a time. Those that were not begun fail if the caller is interrupted.
 void read_runs(const format::Volume& volume, const format::SummaryAttributes& attributes, std::span<LoadRun> runs);
 
+/// Begins to fetch the bytes that a load run reads first, unless reads wait. Returns false if some have not come.
+bool prefetch(const format::Volume& volume, const LoadRun& run);
+
 }  // namespace splatvol

@@ -204,7 +204,7 @@ TEST_F(RecordedSession, ASlowerMachineKeepsTheError) {
 // Its jobs end when they are told to.
 class HoldingHost final : public InlineHost {
  public:
-  [[nodiscard]] std::unique_ptr<Job> begin(std::function<void()> work, Priority priority) override {
+  [[nodiscard]] std::unique_ptr<Job> begin(std::function<bool()> work, Priority priority) override {
     if (!holds) return InlineHost::begin(std::move(work), priority);
     held_.push_back(std::make_shared<Held>(Held{std::move(work)}));
     return std::make_unique<HeldJob>(held_.back());
@@ -217,11 +217,11 @@ class HoldingHost final : public InlineHost {
 
  private:
   struct Held {
-    std::function<void()> work;
+    std::function<bool()> work;
     bool has_ended = false;
 
     void run() {
-      if (!std::exchange(has_ended, true)) work();
+      if (!has_ended) has_ended = work();
     }
   };
   struct HeldJob final : Job {

@@ -29,6 +29,8 @@ const char* exception_name(const Error& error) {
       return "DeviceError";
     case ErrorCode::cancelled:
       return "CancelledError";
+    case ErrorCode::pending:  // no file of the library
+      break;
   }
   return "Error";
 }
