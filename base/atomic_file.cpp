@@ -126,12 +126,14 @@ Status AtomicFile::insert_front(std::uint64_t bytes) {
   std::uint64_t left = std::exchange(end_, end_ + bytes);
   begun_ = end_;
   if (bytes == 0 || left == 0) return {};
+#ifdef FALLOC_FL_INSERT_RANGE
   if (::fallocate(descriptor_, FALLOC_FL_INSERT_RANGE, 0, static_cast<off_t>(bytes)) == 0) return {};
+#endif
 
   // Part by part from the end, so that no part is overwritten before it is read.
-  std::vector<std::byte> buffer(std::min(left, moved_together));
+  std::vector<std::byte> buffer(static_cast<std::size_t>(std::min(left, moved_together)));
   while (left > 0) {
-    const auto part = std::span(buffer).first(std::min<std::uint64_t>(left, buffer.size()));
+    const auto part = std::span(buffer).first(static_cast<std::size_t>(std::min<std::uint64_t>(left, buffer.size())));
     left -= part.size();
     SPLATVOL_TRY(read_exactly(descriptor_, left, part, path_));
     SPLATVOL_TRY(write_at(left + bytes, part));
@@ -169,7 +171,7 @@ Status AtomicFile::copy_to_named() {
   const off_t size = ::lseek(descriptor_, 0, SEEK_END);
   std::vector<std::byte> buffer(moved_together);
   for (std::uint64_t at = 0; at < static_cast<std::uint64_t>(size); at += buffer.size()) {
-    buffer.resize(std::min<std::uint64_t>(buffer.size(), static_cast<std::uint64_t>(size) - at));
+    buffer.resize(static_cast<std::size_t>(std::min<std::uint64_t>(buffer.size(), static_cast<std::uint64_t>(size) - at)));
     SPLATVOL_TRY(read_exactly(descriptor_, at, buffer, path_));
     SPLATVOL_TRY(copy.write_at(at, buffer));
   }
@@ -239,8 +241,12 @@ Result<bool> rename_if_free(const std::string& from, const std::string& to) {
     struct stat status {};
     return ::lstat(path.c_str(), &status) == 0;
   };
+#ifdef RENAME_NOREPLACE
   const auto rename = [&] { return ::renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE); };
   if (uninterrupted(rename) == 0) return true;
+#else
+  errno = ENOSYS;
+#endif
   // Some file systems, such as NFS, cannot look and rename at once.
   if ((errno == EINVAL || errno == ENOSYS) && !exists(to) &&
       uninterrupted([&] { return ::rename(from.c_str(), to.c_str()); }) == 0)

@@ -67,7 +67,7 @@ Result<std::string> read_text_file(const std::string& path) {
   SPLATVOL_TRY_ASSIGN(source, open_file(path));
   if (source->size() > max_text_bytes)
     return fail(ErrorCode::invalid_data, "{}: {} bytes are no text file", path, source->size());
-  std::string text(source->size(), '\0');
+  std::string text(static_cast<std::size_t>(source->size()), '\0');
   SPLATVOL_TRY(source->read(0, std::as_writable_bytes(std::span(text))));
   return text;
 }

@@ -29,6 +29,7 @@ splatvol_headers(PkgConfig::HWY HWY_COMPILE_ONLY_STATIC)
 file(WRITE ${PROJECT_BINARY_DIR}/generated/xxhash.c "#define XXH_STATIC_LINKING_ONLY\n#define XXH_IMPLEMENTATION\n#include <xxhash.h>\n")
 add_library(splatvol_xxhash STATIC ${PROJECT_BINARY_DIR}/generated/xxhash.c)
 target_include_directories(splatvol_xxhash SYSTEM PUBLIC ${headers})
+target_compile_options(splatvol_xxhash PRIVATE -mno-simd128)  # its vectors need a header that Debian leaves out
 add_library(PkgConfig::XXHASH ALIAS splatvol_xxhash)
 
 # Tests also compress.

@@ -18,7 +18,7 @@ Loader::Loader(const format::Volume& volume, const format::SummaryAttributes& at
   try {
     for (unsigned i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
   } catch (const std::system_error&) {
-    if (threads_.empty()) throw;  // fewer threads do the same, none do not
+    // Fewer threads do the same. Without any, `wait_until` reads.
   }
 }
 
@@ -64,7 +64,22 @@ void Loader::wait_until(std::chrono::steady_clock::time_point deadline) {
   const auto is_over = [this] { return !done_.empty() || (queue_.empty() && begun_ == 0); };
   for (auto now = std::chrono::steady_clock::now(); now < deadline && !is_interrupted() && !is_over();
        now = std::chrono::steady_clock::now())
-    finished_.wait_until(lock, std::min(deadline, now + interruption_delay), is_over);
+    if (threads_.empty())
+      read_next(lock);
+    else
+      finished_.wait_until(lock, std::min(deadline, now + interruption_delay), is_over);
+}
+
+void Loader::read_next(std::unique_lock<std::mutex>& lock) {
+  std::list<LoadRun> run;
+  run.splice(run.begin(), queue_, queue_.begin());
+  ++begun_;
+  lock.unlock();
+  read_run(volume_, attributes_, run.front());
+  for (PartLoad& part : run.front()) part.working = Reservation();
+  lock.lock();
+  --begun_;
+  done_.splice(done_.end(), run);
 }
 
 void Loader::work() {
@@ -74,15 +89,7 @@ void Loader::work() {
   for (;;) {
     submitted_.wait_until(lock, no_deadline, [this] { return stop_.stop_requested() || !queue_.empty(); });
     if (stop_.stop_requested()) return;
-    std::list<LoadRun> run;
-    run.splice(run.begin(), queue_, queue_.begin());
-    ++begun_;
-    lock.unlock();
-    read_run(volume_, attributes_, run.front());
-    for (PartLoad& part : run.front()) part.working = Reservation();
-    lock.lock();
-    --begun_;
-    done_.splice(done_.end(), run);
+    read_next(lock);
     finished_.notify_all();
     if (!on_data_) continue;
     lock.unlock();

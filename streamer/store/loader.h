@@ -42,6 +42,7 @@ class Loader {
 
  private:
   void work();
+  void read_next(std::unique_lock<std::mutex>& lock);
 
   const format::Volume& volume_;
   const format::SummaryAttributes attributes_;
