@@ -82,7 +82,7 @@ Status check_replaceable(const std::string& path, Replace replace) {
   if (kind == kinds.end() || !std::filesystem::is_regular_file(path, error)) return {};
   SPLATVOL_TRY_ASSIGN(file, open_file(path));
   if (file->size() == 0) return {};
-  std::string bytes(std::min(file->size(), looked_at), '\0');
+  std::string bytes(static_cast<std::size_t>(std::min(file->size(), looked_at)), '\0');
   SPLATVOL_TRY(file->read(0, std::as_writable_bytes(std::span(bytes))));
   if (!is_of(*kind, bytes))
     return fail(ErrorCode::invalid_argument, "{}: is there and is not {}: remove it, or give another name", path,

@@ -31,6 +31,7 @@ std::mutex mutex;
 constinit std::atomic<Slot*> slots{};
 static_assert(std::atomic<char*>::is_always_lock_free && std::atomic<Slot*>::is_always_lock_free);
 
+#ifdef SYS_getdents64
 // As the kernel gives it: readdir() would allocate, which a handler may not.
 struct FolderEntry {
   std::uint64_t inode;
@@ -55,6 +56,9 @@ void remove_folder(const char* path) {
   ::close(folder);
   ::rmdir(path);
 }
+#else
+void remove_folder(const char* path) { ::rmdir(path); }
+#endif
 
 }  // namespace
 

@@ -114,7 +114,7 @@ class NumberReader {
     std::array<std::byte, planes * numbers_at_once> bytes;
     std::array<std::uint32_t, numbers_at_once> numbers;
     for (std::uint64_t left = count; left > 0;) {
-      const auto some = std::span(numbers).first(std::min<std::uint64_t>(left, numbers_at_once));
+      const auto some = std::span(numbers).first(static_cast<std::size_t>(std::min<std::uint64_t>(left, numbers_at_once)));
       left -= some.size();
       for (std::size_t plane = 0; plane < planes; ++plane)
         SPLATVOL_TRY(planes_[plane].read(std::span(bytes).subspan(plane * some.size(), some.size())));
@@ -216,7 +216,7 @@ Status append_patch(const BoundaryInfo& boundary, std::size_t patch, const Patch
   const PatchInfo& info = boundary.patches[patch];
   const std::size_t first = mesh.points.size(), first_triangle = mesh.triangles.size();
   if (first + info.points > none) return fail(ErrorCode::unsupported, "{}: more than 2^32 - 1 points at once", what);
-  mesh.points.resize(first + info.points);
+  mesh.points.resize(static_cast<std::size_t>(first + info.points));
   std::array<std::uint32_t, 3> corners{};
   std::size_t corner = 0;
   SPLATVOL_TRY(read_patch(
@@ -229,7 +229,7 @@ Status append_patch(const BoundaryInfo& boundary, std::size_t patch, const Patch
       },
       what));
   if (mesh.two_sided.empty() && info.two_sided == 0) return {};
-  mesh.two_sided.resize(first_triangle + info.triangles - info.two_sided, false);
+  mesh.two_sided.resize(static_cast<std::size_t>(first_triangle + info.triangles - info.two_sided), false);
   mesh.two_sided.resize(mesh.triangles.size(), true);
   return {};
 }

@@ -31,8 +31,8 @@ bool is_area(double area) { return area >= 0 && std::isfinite(area); }
 template <class Record>
 std::vector<Record> take_records(std::span<const std::byte>& bytes, std::uint64_t count) {
   std::vector<Record> records;
-  for (std::uint64_t i = 0; i < count; ++i) records.push_back(read_record<Record>(bytes, i * sizeof(Record)));
-  bytes = bytes.subspan(count * sizeof(Record));
+  for (std::size_t i = 0; i < count; ++i) records.push_back(read_record<Record>(bytes, i * sizeof(Record)));
+  bytes = bytes.subspan(records.size() * sizeof(Record));
   return records;
 }
 
@@ -80,10 +80,10 @@ Status CellReader::read_step() {
   const std::vector<SectionEntry> sections = volume_->step_sections();
   const auto section = std::ranges::find(sections, SectionKind::cell_summaries, &SectionEntry::kind);
   if (section == sections.end()) return {};
-  const std::uint64_t table = pages_.size() * sizeof(SummaryPageRef) + sizeof(std::uint64_t);
+  const std::size_t table = pages_.size() * sizeof(SummaryPageRef) + sizeof(std::uint64_t);
   if (table > section->packed_bytes) return broken("the summaries of cells have the wrong length");
   step_offset_ = volume_->series()->steps[volume_->step()].offset + section->offset;
-  const std::uint64_t first = std::max(table, first_read_bytes(section->packed_bytes));
+  const std::uint64_t first = std::max<std::uint64_t>(table, first_read_bytes(section->packed_bytes));
   SPLATVOL_TRY_SET(step_tail_.bytes, volume_->read_bytes(step_offset_ + section->packed_bytes - first, first));
   step_tail_.begin = section->packed_bytes - first;
   const auto bytes = std::span<const std::byte>(step_tail_.bytes).last(table);
@@ -100,7 +100,7 @@ Status CellReader::read_step() {
     next += ref.page_bytes;
   }
   if (next != section->packed_bytes - table) return broken("the summaries of cells do not tile their section");
-  step_tail_.bytes.resize(first - table);
+  step_tail_.bytes.resize(step_tail_.bytes.size() - table);
   return {};
 }
 
@@ -131,9 +131,9 @@ Status CellReader::read_root() {
   vertex_count_ = tail.vertices;
   root_bytes_ = root + sizeof(CellsTail);
   if (root_bytes_ > bytes.size()) SPLATVOL_TRY_SET(bytes, read_(section - root_bytes_, root_bytes_));
-  SPLATVOL_TRY(take_root(std::span<const std::byte>(bytes).last(root_bytes_), tail));
+  SPLATVOL_TRY(take_root(std::span<const std::byte>(bytes).last(static_cast<std::size_t>(root_bytes_)), tail));
   tail_.begin = section - bytes.size();
-  bytes.resize(bytes.size() - root_bytes_);
+  bytes.resize(static_cast<std::size_t>(bytes.size() - root_bytes_));
   tail_.bytes = std::move(bytes);
   return {};
 }
@@ -273,7 +273,7 @@ Result<CellPage> CellReader::read_page(std::size_t page, const SummaryAttributes
       parts, read_parts(std::move(bytes), ref.hash, 1 + attributes_, sizeof(CellChunkEntry), ref.chunks, what));
   CellPage read;
   const auto packed =
-      std::span<const std::byte>(parts.bytes).subspan(parts.at[0].first, parts.at[0].second.packed_bytes);
+      std::span<const std::byte>(parts.bytes).subspan(static_cast<std::size_t>(parts.at[0].first), parts.at[0].second.packed_bytes);
   SPLATVOL_TRY_ASSIGN(entries, unpack_checked(parts.at[0].second, packed, what));
   std::span<const std::byte> records = entries;
   read.chunks = take_records<CellChunkEntry>(records, ref.chunks);
@@ -299,8 +299,8 @@ Result<std::vector<ValueSummary>> CellReader::read_summaries(std::size_t page, i
   const std::string what = fmt::format("{}: summaries of page {} of the cells", name_, page);
   const auto unpack = [&](const Parts& from, std::size_t p) {
     const auto [offset, part] = from.at[p];
-    return unpack_summaries(part, std::span<const std::byte>(from.bytes).subspan(offset, part.packed_bytes), chunks,
-                            what);
+    return unpack_summaries(part, std::span<const std::byte>(from.bytes).subspan(static_cast<std::size_t>(offset), part.packed_bytes),
+                            chunks,                             what);
   };
   if (!info_.series) return unpack(parts, 1 + static_cast<std::size_t>(attribute));
   if (step_pages_.empty()) {
@@ -326,7 +326,7 @@ Result<std::vector<dvec3>> CellReader::read_vertex_page(std::size_t page) const 
   const PackedPageRef& ref = vertex_pages_[page];
   SPLATVOL_TRY_ASSIGN(packed, read(ref.offset, ref.packed_bytes));
   const std::uint64_t first = page * std::uint64_t{vertex_page_points};
-  std::vector<dvec3> vertices(std::min<std::uint64_t>(vertex_page_points, vertex_count_ - first));
+  std::vector<dvec3> vertices(static_cast<std::size_t>(std::min<std::uint64_t>(vertex_page_points, vertex_count_ - first)));
   ChunkEntry entry{};
   entry.hash = ref.hash;
   entry.packed_bytes = ref.packed_bytes;
@@ -345,7 +345,8 @@ Result<RankPage> CellReader::read_rank_page(std::size_t page) const {
   const PackedPageRef& ref = rank_pages_[page];
   SPLATVOL_TRY_ASSIGN(packed, read(ref.offset, ref.packed_bytes));
   const std::uint64_t first = page * std::uint64_t{rank_page_points};
-  const std::uint64_t ranks = std::min<std::uint64_t>(rank_page_points, info_.resolution_counts.back() - first);
+  const auto ranks = static_cast<std::size_t>(
+      std::min<std::uint64_t>(rank_page_points, info_.resolution_counts.back() - first));
   const std::string what = fmt::format("{}: page {} of ranks", name_, page);
   return unpack_rank_page(ref, packed, first, ranks, counts_, what);
 }

@@ -60,7 +60,9 @@ void sort_by_rank(std::vector<Corner>& corners, int bits) {
   constexpr int digit_bits = 11;
   std::vector<Corner> other(corners.size());
   for (int shift = 0; shift < bits; shift += digit_bits) {
-    const auto digit = [&](const Corner& corner) { return corner.rank >> shift & ((1u << digit_bits) - 1); };
+    const auto digit = [&](const Corner& corner) {
+      return static_cast<std::size_t>(corner.rank >> shift & ((1u << digit_bits) - 1));
+    };
     std::array<std::uint32_t, (1u << digit_bits) + 1> begin{};
     for (const Corner& corner : corners) ++begin[digit(corner) + 1];
     std::partial_sum(begin.begin(), begin.end(), begin.begin());
@@ -96,9 +98,9 @@ namespace {
 
 // Numbers ranks from `low` to `high` by a bit for each: a few times as fast as sorting.
 LocalCells number_by_bits(std::span<const std::uint64_t> corners, std::uint64_t low, std::uint64_t high) {
-  std::vector<std::uint64_t> words((high - low) / 64 + 1);
+  std::vector<std::uint64_t> words(static_cast<std::size_t>((high - low) / 64 + 1));
   std::vector<std::uint32_t> before(words.size());  // bits of the words in front
-  for (const std::uint64_t corner : corners) words[(corner - low) / 64] |= std::uint64_t{1} << (corner - low) % 64;
+  for (const std::uint64_t corner : corners) words[static_cast<std::size_t>((corner - low) / 64)] |= std::uint64_t{1} << (corner - low) % 64;
   LocalCells cells;
   cells.ranks.reserve(corners.size() / 4);
   for (std::size_t w = 0; w < words.size(); ++w) {
@@ -110,7 +112,8 @@ LocalCells number_by_bits(std::span<const std::uint64_t> corners, std::uint64_t 
   cells.corners.resize(corners.size());
   for (std::size_t i = 0; i < corners.size(); ++i) {
     const std::uint64_t at = corners[i] - low, lower = (std::uint64_t{1} << at % 64) - 1;
-    cells.corners[i] = before[at / 64] + static_cast<std::uint32_t>(std::popcount(words[at / 64] & lower));
+    const auto word = static_cast<std::size_t>(at / 64);
+    cells.corners[i] = before[word] + static_cast<std::uint32_t>(std::popcount(words[word] & lower));
   }
   return cells;
 }

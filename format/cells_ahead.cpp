@@ -31,7 +31,7 @@ Result<CellsAhead> read_cells_ahead(const CellReader& cells, const RankedPoints&
     const std::vector<std::uint64_t> corners = number_corners(chunk.corners).ranks;
     if (is_constant)
       for (const std::uint64_t vertex : corners)
-        vertices.push_back(cells.range_of_vertex_page(vertex / vertex_page_points));
+        vertices.push_back(cells.range_of_vertex_page(static_cast<std::size_t>(vertex / vertex_page_points)));
     const std::vector<std::uint64_t>& of_chunk = is_constant ? chunk.points : corners;
     ranks.insert(ranks.end(), of_chunk.begin(), of_chunk.end());
   }

@@ -10,6 +10,7 @@
 #include <new>
 
 #include "base/interruption.h"
+#include "base/sizes.h"
 
 namespace splatvol::format {
 namespace {
@@ -124,7 +125,8 @@ Status check_ratio(std::uint64_t packed_bytes, std::uint64_t unpacked_bytes, std
 Result<Bytes> unpack(std::span<const std::byte> packed, std::uint64_t unpacked_bytes, std::string_view what) {
   if (packed.size() == unpacked_bytes) return Bytes(packed.begin(), packed.end());
   SPLATVOL_TRY(check_ratio(packed.size(), unpacked_bytes, what));
-  Bytes raw(unpacked_bytes);
+  SPLATVOL_TRY_ASSIGN(size, as_size(unpacked_bytes, what));
+  Bytes raw(size);
   SPLATVOL_TRY(decompress(packed, raw, what));
   return raw;
 }
@@ -134,7 +136,8 @@ Result<std::span<const std::byte>> unpack_here(std::span<const std::byte> packed
   if (packed.size() == unpacked_bytes) return packed;
   SPLATVOL_TRY(check_ratio(packed.size(), unpacked_bytes, what));
   thread_local Scratch scratch;
-  const std::span<std::byte> raw = scratch.get(unpacked_bytes);
+  SPLATVOL_TRY_ASSIGN(size, as_size(unpacked_bytes, what));
+  const std::span<std::byte> raw = scratch.get(size);
   SPLATVOL_TRY(decompress(packed, raw, what));
   return std::span<const std::byte>(raw);
 }
@@ -181,7 +184,7 @@ Status Unpacker::read(std::span<std::byte> out) {
     SPLATVOL_TRY_ASSIGN(count, frame_->read(out, what_));
     if (count < out.size()) return fail_damaged(what_);
   } else {
-    std::ranges::copy(packed_.subspan(at_, out.size()), out.begin());
+    std::ranges::copy(packed_.subspan(static_cast<std::size_t>(at_), out.size()), out.begin());
   }
   at_ += out.size();
   return {};
@@ -192,7 +195,7 @@ Status Unpacker::skip_to(std::uint64_t offset) {
   std::array<std::byte, 1u << 16> skipped;
   while (at_ < offset) {
     SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY(read(std::span(skipped).first(std::min<std::uint64_t>(skipped.size(), offset - at_))));
+    SPLATVOL_TRY(read(std::span(skipped).first(static_cast<std::size_t>(std::min<std::uint64_t>(skipped.size(), offset - at_)))));
   }
   return {};
 }

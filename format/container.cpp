@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <array>
 
+#include "base/sizes.h"
+
 namespace splatvol::format {
 namespace {
 
@@ -82,14 +84,14 @@ tl::unexpected<Error> Container::broken(std::string_view rule) const {
 
 Status Container::read_preamble(std::uint64_t bytes) {
   if (bytes < sizeof(Superblock)) return broken("not a .svol file: too short");
-  preamble_.resize(std::min(bytes, std::clamp(bytes / 64, min_first_read_bytes, max_first_read_bytes)));
+  preamble_.resize(static_cast<std::size_t>(std::min(bytes, std::clamp(bytes / 64, min_first_read_bytes, max_first_read_bytes))));
   SPLATVOL_TRY(source_->read(begin_, preamble_));
   SPLATVOL_TRY(read_superblock(bytes));
-  if (preamble_.size() > superblock_.file_bytes) preamble_.resize(superblock_.file_bytes);
+  if (preamble_.size() > superblock_.file_bytes) preamble_.resize(static_cast<std::size_t>(superblock_.file_bytes));
   SPLATVOL_TRY(read_section_table());
   if (preamble_bytes() > preamble_.size()) {
     const std::size_t had = preamble_.size();
-    preamble_.resize(preamble_bytes());
+    preamble_.resize(static_cast<std::size_t>(preamble_bytes()));
     SPLATVOL_TRY(source_->read(begin_ + had, std::span(preamble_).subspan(had)));
   }
   SPLATVOL_TRY(check_sections());
@@ -130,7 +132,7 @@ Status Container::read_section_table() {
       preamble_bytes() > std::min(superblock_.file_bytes, max_preamble_bytes) ||
       sizeof(Superblock) + table_bytes > preamble_.size())
     return broken("preamble length out of range [R1]");
-  const auto table = std::span(preamble_).subspan(sizeof(Superblock), table_bytes);
+  const auto table = std::span(preamble_).subspan(sizeof(Superblock), static_cast<std::size_t>(table_bytes));
   if (hash_bytes(table) != superblock_.section_table_hash) return broken("section table: checksum mismatch [R4]");
   for (std::size_t i = 0; i < superblock_.section_count; ++i)
     sections_.push_back(read_record<SectionEntry>(table, i * sizeof(SectionEntry)));
@@ -191,7 +193,8 @@ Result<Bytes> Container::read_bytes(std::uint64_t offset, std::uint64_t count) c
                  preamble_.begin() + static_cast<std::ptrdiff_t>(offset + count));
   if (offset > bytes() || count > bytes() - offset)
     return fail(ErrorCode::invalid_data, "{}: {} bytes at {} are past the end [R6]", name_, count, offset);
-  Bytes read(count);
+  SPLATVOL_TRY_ASSIGN(size, as_size(count, name_));
+  Bytes read(size);
   SPLATVOL_TRY(source_->read(begin_ + offset, read));
   return read;
 }

@@ -58,19 +58,19 @@ Status DirectoryWriter::close_page() {
 }
 
 Result<DirectoryWriter::Found> DirectoryWriter::find_chunk(std::uint64_t row, std::uint64_t column) const {
-  const std::uint64_t number = rows_.directory_page_of_row(row);
+  const auto number = static_cast<std::size_t>(rows_.directory_page_of_row(row));
   Bytes read;
   std::span<const std::byte> page = number == 0 && !refs_.empty() ? std::span<const std::byte>(head_) : page_;
   if (number > 0 && number < refs_.size()) {
-    read.resize(refs_[number].bytes);
+    read.resize(static_cast<std::size_t>(refs_[number].bytes));
     SPLATVOL_TRY(tail_.read(refs_[number].offset, read));
     if (hash_bytes(read) != refs_[number].hash) return fail_changed_temporary();
     page = read;
   }
-  const std::uint64_t chunk =
-      rows_.chunks_before(row) - rows_.chunks_before(rows_.first_row_of_directory_page(number)) + column;
+  const auto chunk = static_cast<std::size_t>(
+      rows_.chunks_before(row) - rows_.chunks_before(rows_.first_row_of_directory_page(number)) + column);
   Found found{read_record<std::uint64_t>(page, 0), {}};
-  for (std::uint64_t i = 0; i <= chunk; ++i) {
+  for (std::size_t i = 0; i <= chunk; ++i) {
     found.offset += found.entry.packed_bytes;
     found.entry = read_record<ChunkEntry>(page, sizeof(std::uint64_t) + i * sizeof(ChunkEntry));
   }

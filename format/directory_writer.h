@@ -79,9 +79,9 @@ class DirectoryWriter {
 template <class Append>
 [[nodiscard]] Status move_bytes(TempFile& from, const Append& append, bool stay = false) {
   constexpr std::uint64_t copied_at_once = 1u << 20;
-  Bytes part(std::min(from.size(), copied_at_once));
+  Bytes part(static_cast<std::size_t>(std::min(from.size(), copied_at_once)));
   for (std::uint64_t offset = 0; offset < from.size(); offset += part.size()) {
-    part.resize(std::min<std::uint64_t>(part.size(), from.size() - offset));
+    part.resize(static_cast<std::size_t>(std::min<std::uint64_t>(part.size(), from.size() - offset)));
     SPLATVOL_TRY(from.read(offset, part));
     SPLATVOL_TRY(append(std::span<const std::byte>(part)));
     if (!stay) from.release(offset, part.size());

@@ -67,7 +67,7 @@ IndexPagePart part_at(std::span<const std::byte> front, std::size_t index) {
 
 Status check_table(const IndexPageRef& ref, std::span<const std::byte> front, const NodeShape& shape,
                    std::string_view what) {
-  const std::uint64_t table_bytes = index_table_bytes(shape.attributes);
+  const auto table_bytes = static_cast<std::size_t>(index_table_bytes(shape.attributes));
   if (front.size() != ref.front_bytes || front.size() < table_bytes || hash_bytes(front.first(table_bytes)) != ref.hash)
     return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
   const auto nodes = read_record<std::uint32_t>(front, 0);
@@ -161,7 +161,7 @@ Status connect_children(IndexPage& page, std::string_view what) {
                 static_cast<std::uint8_t>(depths[node] + 1));
     for (std::size_t s = 0; s < nodes.shape.resolutions; ++s) {
       std::uint64_t sum = 0;
-      for (std::uint64_t child = next; child < next + children; ++child) sum += nodes.counts_of(child)[s];
+      for (std::uint64_t child = next; child < next + children; ++child) sum += nodes.counts_of(static_cast<std::size_t>(child))[s];
       if (sum != nodes.counts_of(node)[s])
         return fail(ErrorCode::invalid_data, "{}: the children of node {} do not add up [R14]", what, node);
     }
@@ -323,7 +323,7 @@ Result<IndexPage> unpack_index_page(const IndexPageRef& ref, std::span<const std
   page.top_nodes = expected_top_nodes;
   page.number = read_record<std::uint32_t>(front, 4);
   SPLATVOL_TRY_ASSIGN(structure,
-                      unpack_checked(part_at(front, 0), front.subspan(index_table_bytes(shape.attributes)), what));
+                      unpack_checked(part_at(front, 0), front.subspan(static_cast<std::size_t>(index_table_bytes(shape.attributes))), what));
   SPLATVOL_TRY(read_nodes(structure, node_count, links_end, what, page));
   SPLATVOL_TRY(connect_children(page, what));
   return page;

@@ -129,7 +129,7 @@ Status RankedPoints::find(std::span<const std::uint64_t> ranks, std::vector<Plac
   for (const std::uint64_t rank : ranks) {
     const std::uint64_t page = rank / rank_page_points;
     if (!table || page != present) {
-      SPLATVOL_TRY_SET(table, held_->table(page));
+      SPLATVOL_TRY_SET(table, held_->table(static_cast<std::size_t>(page)));
       present = page;
     }
     const std::size_t at = rank % rank_page_points, segment = table->segments[at];
@@ -170,8 +170,8 @@ Result<std::shared_ptr<const BytesAhead>> RankedPoints::read_ahead(std::span<con
   pages.erase(std::ranges::unique(pages).begin(), pages.end());
   std::vector<ByteRange> ranges;
   for (const std::uint64_t page : pages)
-    if (!held_->room.table->holds(held_->key_of_rank_page(page)))
-      ranges.push_back(held_->cells->range_of_rank_page(page));
+    if (!held_->room.table->holds(held_->key_of_rank_page(static_cast<std::size_t>(page))))
+      ranges.push_back(held_->cells->range_of_rank_page(static_cast<std::size_t>(page)));
   SPLATVOL_TRY_ASSIGN(rank_pages, volume.read_ahead(std::move(ranges), *held_->room.share));
   std::vector<Place> places;
   SPLATVOL_TRY(find(ranks, places));
@@ -210,7 +210,7 @@ Status CellVertices::read_positions(std::span<const std::uint64_t> vertices, std
       const PartRoom& room = held_->room;
       SPLATVOL_TRY_SET(page, room.table->get<std::vector<dvec3>>(
                                  {room.file, vertex_page, number}, *room.share, vertex_page_points * sizeof(dvec3),
-                                 [&] { return held_->read_page(number); }, bytes_of<dvec3>));
+                                 [&] { return held_->read_page(static_cast<std::size_t>(number)); }, bytes_of<dvec3>));
       present = number;
     }
     positions[i] = (*page)[vertices[i] % vertex_page_points];

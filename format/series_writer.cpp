@@ -17,7 +17,7 @@ constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 Result<Superblock> append_behind(AppendFile& file, const Volume& volume, Bytes table,
                                  std::span<const std::unique_ptr<StepWriter>> steps) {
   const StepEntry& last = volume.series()->entries.back();
-  Bytes replaced(volume.file_bytes() - (last.offset + last.bytes));
+  Bytes replaced(static_cast<std::size_t>(volume.file_bytes() - (last.offset + last.bytes)));
   SPLATVOL_TRY(file.read(last.offset + last.bytes, replaced));
   SPLATVOL_TRY(file.cut(volume.file_bytes()));
   StepDirectory directory(volume, hash_bytes(replaced));

@@ -59,7 +59,7 @@ Status Steps::open_index() {
   name_ = source->name();
   if (source->size() > most_index_bytes)
     return fail(ErrorCode::invalid_data, "{}: {} bytes are no index of a time series", name_, source->size());
-  std::string text(source->size(), '\0');
+  std::string text(static_cast<std::size_t>(source->size()), '\0');
   SPLATVOL_TRY(source->read(0, std::as_writable_bytes(std::span(text))));
   const auto index = series_index_from_json(text);
   if (!index) return fail_in(name_, index.error());

@@ -139,7 +139,7 @@ class CellVerifier {
          --count, ++rank_) {
       if (rank_ >= info_.resolution_counts.back()) return unlike_index();
       if (rank_ % rank_page_points == 0) {
-        SPLATVOL_TRY_ASSIGN(page, cells_.read_rank_page(rank_ / rank_page_points));
+        SPLATVOL_TRY_ASSIGN(page, cells_.read_rank_page(static_cast<std::size_t>(rank_ / rank_page_points)));
         if (page.before != before_) return unlike_index();
         segments_ = std::move(page.segments);
       }

@@ -143,7 +143,7 @@ Status Volume::read_series() {
   auto series = std::make_shared<Series>();
   for (std::size_t at = sizeof(head); at < bytes.size() - ranges; at += sizeof(StepEntry))
     series->entries.push_back(read_record<StepEntry>(bytes, at));
-  for (std::size_t at = bytes.size() - ranges; at < bytes.size(); at += sizeof(StepRange))
+  for (std::size_t at = bytes.size() - static_cast<std::size_t>(ranges); at < bytes.size(); at += sizeof(StepRange))
     series->ranges.push_back(read_record<StepRange>(bytes, at));
   std::ranges::copy_if(series->entries, std::back_inserter(series->steps),
                        [](const StepEntry& entry) { return entry.kind == StepEntryKind::step; });
@@ -234,7 +234,7 @@ Status Volume::read_directory_root(Directory directory) {
 
   std::uint64_t next = section.offset + fixed;
   for (std::uint64_t page = 0; page < pages; ++page) {
-    const auto ref = read_record<DirectoryPageRef>(root, sizeof(std::uint64_t) + page * sizeof(DirectoryPageRef));
+    const auto ref = read_record<DirectoryPageRef>(root, static_cast<std::size_t>(sizeof(std::uint64_t) + page * sizeof(DirectoryPageRef)));
     const std::uint64_t section_end =
         page == 0 ? section.offset + section.packed_bytes : tail.offset + tail.packed_bytes;
     if (ref.offset != next || ref.bytes > section_end - next || ref.bytes < sizeof(std::uint64_t) ||
@@ -280,7 +280,7 @@ Result<IndexPage> Volume::read_page(const IndexPageRef& ref, std::uint64_t offse
   const auto read = [&](int attribute) -> Result<std::vector<ValueSummary>> {
     const auto [part_offset, part] = find_summary_part(front, static_cast<std::size_t>(attribute), node_shape());
     if (whole)
-      return unpack_summaries(part, std::span<const std::byte>(bytes).subspan(part_offset, part.packed_bytes),
+      return unpack_summaries(part, std::span<const std::byte>(bytes).subspan(static_cast<std::size_t>(part_offset), part.packed_bytes),
                               page.nodes.size(), what);
     SPLATVOL_TRY_ASSIGN(packed, file_->read_bytes(offset + part_offset, part.packed_bytes));
     return unpack_summaries(part, packed, page.nodes.size(), what);
@@ -355,7 +355,7 @@ Result<std::vector<ValueSummary>> Volume::read_step_summaries(const IndexPage& p
   const std::uint64_t table_bytes = info_.attributes.size() * sizeof(IndexPagePart);
   const bool whole = reads_at_once(ref.page_bytes);
   SPLATVOL_TRY_ASSIGN(bytes, step_part_->read_bytes(offset, whole ? ref.page_bytes : table_bytes));
-  if (hash_bytes(std::span(bytes).first(table_bytes)) != ref.hash)
+  if (hash_bytes(std::span(bytes).first(static_cast<std::size_t>(table_bytes))) != ref.hash)
     return fail(ErrorCode::invalid_data, "{}: checksum mismatch", what);
 
   std::uint64_t part_offset = table_bytes, end = table_bytes;
@@ -371,7 +371,7 @@ Result<std::vector<ValueSummary>> Volume::read_step_summaries(const IndexPage& p
 
   const auto part = read_record<IndexPagePart>(bytes, attribute * sizeof(IndexPagePart));
   if (whole)
-    return unpack_summaries(part, std::span<const std::byte>(bytes).subspan(part_offset, part.packed_bytes),
+    return unpack_summaries(part, std::span<const std::byte>(bytes).subspan(static_cast<std::size_t>(part_offset), part.packed_bytes),
                             page.nodes.size(), what);
   SPLATVOL_TRY_ASSIGN(packed, step_part_->read_bytes(offset + part_offset, part.packed_bytes));
   return unpack_summaries(part, packed, page.nodes.size(), what);
@@ -449,7 +449,7 @@ std::vector<int> Volume::columns_of_row(const DirectoryPage& page, std::uint64_t
 
 ByteRange Volume::range_of_directory_page(std::uint64_t page) const {
   const auto [directory, directory_number, number] = page_at(page);
-  const DirectoryPageRef& ref = directory.refs[number];
+  const DirectoryPageRef& ref = directory.refs[static_cast<std::size_t>(number)];
   const std::uint64_t begin = directory.container->begin() + ref.offset;
   return {begin, begin + ref.bytes};
 }
@@ -458,7 +458,7 @@ Result<DirectoryPage> Volume::read_directory_page(std::uint64_t page) const {
   const auto [directory, directory_number, number] = page_at(page);
   const Container& container = *directory.container;
   const RowLayout& rows = directory.rows;
-  const DirectoryPageRef& ref = directory.refs[number];
+  const DirectoryPageRef& ref = directory.refs[static_cast<std::size_t>(number)];
   SPLATVOL_TRY_ASSIGN(bytes, container.read_bytes(ref.offset, ref.bytes));
   if (hash_bytes(bytes) != ref.hash)
     return container.broken(fmt::format("directory page {}: checksum mismatch", number));
@@ -496,7 +496,7 @@ const ChunkLocation& Volume::find_chunk(const DirectoryPage& page, std::uint64_t
   const Directory& directory = directories_[page.directory];
   const auto& columns = directory.rows.columns_of_row(row);
   const auto index = std::ranges::find(columns, column - directory.first_column) - columns.begin();
-  return page.chunks[directory.rows.chunks_before(row) - page.first_chunk + static_cast<std::uint64_t>(index)];
+  return page.chunks[static_cast<std::size_t>(directory.rows.chunks_before(row) - page.first_chunk) + static_cast<std::size_t>(index)];
 }
 
 Result<Histograms> Volume::read_histograms() const {

@@ -3,6 +3,7 @@
 
 #include <numeric>
 
+#include "base/sizes.h"
 #include "format/boundary.h"
 #include "format/volume.h"
 
@@ -57,7 +58,7 @@ Status Volume::visit_patches(std::span<const PatchPart> parts, std::span<const s
     SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(first, offsets[patches[end - 1] + 1] - first));
     for (std::size_t i = begin; i < end; ++i) {
       const PatchPart& part = parts[patches[i]];
-      SPLATVOL_TRY(visit(patches[i], part, std::span(bytes).subspan(offsets[patches[i]] - first, part.packed_bytes)));
+      SPLATVOL_TRY(visit(patches[i], part, std::span(bytes).subspan(static_cast<std::size_t>(offsets[patches[i]] - first), part.packed_bytes)));
     }
   }
   return {};
@@ -75,8 +76,10 @@ Result<TriangleMesh> Volume::read_boundary(std::span<const std::size_t> patches)
     points += info_.boundary->patches[patch].points;
     triangles += info_.boundary->patches[patch].triangles;
   }
-  mesh.points.reserve(points);
-  mesh.triangles.reserve(triangles);
+  SPLATVOL_TRY_ASSIGN(point_count, as_size(points, name()));
+  SPLATVOL_TRY_ASSIGN(triangle_count, as_size(triangles, name()));
+  mesh.points.reserve(point_count);
+  mesh.triangles.reserve(triangle_count);
   SPLATVOL_TRY(visit_patches(
       parts, patches, [&](std::size_t patch, const PatchPart& part, std::span<const std::byte> packed) -> Status {
         return append_patch(*info_.boundary, patch, part, packed, mesh, what_patch(patch));

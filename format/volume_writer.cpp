@@ -158,7 +158,7 @@ Status VolumeWriter::finish_all(const Histograms& histograms, std::span<const st
 
   // The preamble comes last: only now is every offset known.
   SPLATVOL_TRY_ASSIGN(tail, append_tail(histograms));
-  const Bytes padding(rows_offset_ - padding_offset_);
+  const Bytes padding(static_cast<std::size_t>(rows_offset_ - padding_offset_));
   add_sections(tail, padding);
   shared_bytes_ = file_.position() + sizeof(Footer);
   if (info_.series) SPLATVOL_TRY(append_steps(steps));

@@ -1,4 +1,4 @@
-// Picture formats as bytes in memory; used by image.cpp only.
+// Picture formats as bytes in memory; used by image_file.cpp only.
 #pragma once
 
 #include <string>

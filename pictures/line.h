@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "base/math.h"
-#include "pictures/page.h"
+#include "pictures/outline.h"
 
 namespace splatvol {
 

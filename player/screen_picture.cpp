@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "pictures/contrast.h"
-#include "pictures/page.h"
+#include "pictures/outline.h"
 #include "renderer/cpu/srgb_bytes.h"
 
 namespace splatvol {

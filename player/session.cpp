@@ -513,13 +513,6 @@ std::optional<DevicePicture> Session::volume_picture() const {
   return player_->picture();
 }
 
-Result<Image> Session::page(const Page& page, const PageText& text, bool transparent) const {
-  SPLATVOL_TRY_ASSIGN(image, player_->image());
-  const dvec3 ink = ink_on(used_.scene.background);
-  if (used_.scene.outline) draw_outline(image, view(), data_.bounds, transparent ? ink_on_any() : ink);
-  return compose_page(page, std::move(image), text, ink, transparent);
-}
-
 // Contours and streamlines may show where the volume does not.
 std::string Session::explain() const {
   const bool has_tubes = std::ranges::any_of(used_.scene.streamlines, &SceneStreamlines::shown);

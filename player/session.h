@@ -77,8 +77,8 @@ class Session {
   /// changed by then. A picture at rest ends with a change.
   [[nodiscard]] Status draw(int width, int height, double seconds, bool is_busy = false);
 
-  /// Whether a job draws a picture: calls of `draw` do not wait for it long. Then `image` and `page` must not be
-  /// called; `shown_picture` is the one before.
+  /// Whether a job draws a picture: calls of `draw` do not wait for it long. Then `image` must not be called;
+  /// `shown_picture` is the one before.
   [[nodiscard]] bool is_drawing() const { return job_.is_begun(); }
 
   /// Whether it is still at work.
@@ -278,10 +278,6 @@ class Session {
   [[nodiscard]] std::string device_text() const { return player_->rasterizer().description(); }
 
   [[nodiscard]] Result<Image> image() const { return player_->image(); }
-
-  /// Returns the last picture with its outline, if the scene has one, and with words round it. `page`: for a picture of
-  /// this size.
-  [[nodiscard]] Result<Image> page(const Page& page, const PageText& text, bool transparent = false) const;
 
   [[nodiscard]] double draw_seconds() const { return shown_.seconds; }
 

@@ -53,7 +53,7 @@ Result<LineReport> export_line(const format::Volume& volume, const std::string& 
   if (samples) rows = in_equal_steps(rows, start, end, *samples);
   report.rows = rows.arc_lengths.size();
   SPLATVOL_TRY(write_csv_header(file, {"arc_length", "x", "y", "z"}, selection.names, report.renamed));
-  SPLATVOL_TRY(write_csv_rows(file, report.rows, [&](std::size_t row, std::vector<double>& numbers) {
+  SPLATVOL_TRY(write_csv_rows(file, rows.arc_lengths.size(), [&](std::size_t row, std::vector<double>& numbers) {
     const dvec3& p = rows.positions[row];
     numbers = {rows.arc_lengths[row], p.x, p.y, p.z};
     for (const std::vector<double>& values : rows.values) numbers.push_back(values[row]);

@@ -14,7 +14,7 @@ set(builder_rooms builder/sorting builder/mesh builder/scattered builder/sources
                   builder/pipeline builder/series builder/cache)
 set(renderer_rooms renderer renderer/cpu renderer/gl renderer/device)
 set(layers splatvol base splat scene pictures format sampler ${builder_rooms} builder/distributed extractor streamer/store streamer/splats streamer/first
-           ${renderer_rooms} streamer/cells renderer/surfaces renderer/reference player library library/python library/examples viewer/window
+           ${renderer_rooms} streamer/cells renderer/surfaces renderer/reference player web/engine library library/python library/examples viewer/window
            viewer tools/export tools tests/support tests/fuzz bench)
 
 # What each layer may include, besides itself and the public face. That is include/splatvol/, and knows none of them.
@@ -61,6 +61,7 @@ set(renderer/surfaces_knows base scene pictures)
 set(renderer/reference_knows base scene pictures)
 set(streamer_rooms streamer/store streamer/splats streamer/first streamer/cells)
 set(player_knows base scene pictures splat format sampler ${streamer_rooms} ${renderer_rooms} renderer/surfaces)
+set(web/engine_knows ${player_knows} player)
 set(library_knows base scene pictures splat format sampler ${builder_rooms} extractor ${streamer_rooms} ${renderer_rooms} player)
 set(library/python_knows ${library_knows} library)
 set(library/examples_knows)
@@ -81,7 +82,7 @@ set(mpi_layers builder/distributed)
 set(thread_headers condition_variable future mutex shared_mutex thread)
 set(threadless_layers format)
 # These layers may run where there are no threads, so they have loops of base/parallel.h, and none of TBB's.
-set(tbbless_layers scene splat pictures format sampler ${streamer_rooms} ${renderer_rooms} renderer/surfaces player)
+set(tbbless_layers scene splat pictures format sampler ${streamer_rooms} ${renderer_rooms} renderer/surfaces player web/engine)
 # Only these layers and files may call OpenGL.
 set(gl_callers renderer/gl viewer/window library/examples tools/svview.cpp)
 

@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "pictures/contrast.h"
+#include "pictures/outline.h"
 #include "player/scalar_bars.h"
 #include "scene/srgb.h"
 #include "streamer/first/default_scene.h"

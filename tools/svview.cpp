@@ -20,6 +20,7 @@
 #include "tools/tool.h"
 #include "tools/version.h"
 #include "viewer/frame_loop.h"
+#include "viewer/page_of.h"
 #include "viewer/viewer.h"
 #include "viewer/window/byte_target.h"
 #include "viewer/window/window.h"
@@ -268,7 +269,7 @@ Status play(const Options& options) {
     session->scene.camera = camera_at(path, count > 1 ? static_cast<double>(i) / (count - 1) : 0);
     do SPLATVOL_TRY(session->draw(size[0], size[1], 1));
     while (!session->is_settled());
-    SPLATVOL_TRY_ASSIGN(image, session->page(page, {}));
+    SPLATVOL_TRY_ASSIGN(image, page_of(*session, page, {}));
     SPLATVOL_TRY(write_image(fmt::format("{}/frame-{:05}.png", options.frames, i), image, session->scene.background,
                              {{"software", "svview " SPLATVOL_VERSION}, {"file", session->path()}}));
     bar.update((i + 1.0) / count);

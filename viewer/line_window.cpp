@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "pictures/outline.h"
 #include "pictures/page.h"
 #include "pictures/ticks.h"
 #include "viewer/line_section.h"

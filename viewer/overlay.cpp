@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "pictures/outline.h"
 #include "pictures/page.h"
 #include "pictures/ticks.h"
 #include "viewer/window/gui_units.h"

@@ -13,6 +13,7 @@
 #include "base/program.h"
 #include "base/replaceable.h"
 #include "pictures/contrast.h"
+#include "viewer/page_of.h"
 #include "viewer/window/gui_units.h"
 
 namespace splatvol {
@@ -209,7 +210,7 @@ Status SaveSection::write_picture(const std::string& path, const Layout& layout)
   const Session& session = *viewer_.session;
   const bool transparent = layout.is_transparent;
   SPLATVOL_TRY_ASSIGN(
-      image, has_extension(path, ".exr") ? session.image() : session.page(layout.page, layout.text, transparent));
+      image, has_extension(path, ".exr") ? session.image() : page_of(session, layout.page, layout.text, transparent));
   return write_image(path, image, session.scene.background,
                      {{"software", "svview"}, {"file", session.path()}, {"attribute", session.scene.attribute}},
                      transparent);

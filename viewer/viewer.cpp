@@ -12,6 +12,7 @@
 #include "base/file.h"
 #include "base/input_formats.h"
 #include "pictures/contrast.h"
+#include "pictures/outline.h"
 #include "scene/color_map_file.h"
 #include "viewer/hud.h"
 #include "viewer/overlay.h"

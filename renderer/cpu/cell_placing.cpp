@@ -16,7 +16,7 @@ namespace {
 void sort_keys(std::vector<std::uint64_t>& keys, std::vector<std::uint64_t>& scratch) {
   scratch.resize(keys.size());
   for (int shift = 32; shift < 64; shift += 11) {
-    const auto digit = [&](std::uint64_t key) { return key >> shift & 2047; };
+    const auto digit = [&](std::uint64_t key) { return static_cast<std::size_t>(key >> shift & 2047); };
     std::array<std::uint32_t, 2049> begins{};
     for (const std::uint64_t key : keys) ++begins[digit(key) + 1];
     std::partial_sum(begins.begin(), begins.end(), begins.begin());

@@ -570,7 +570,7 @@ Status CellSweep::read_batch() {
     // Half of what fits if no other chunk is larger than those so far.
     const std::uint64_t fitting = (most_in_batch() - bytes) / std::max(largest, std::uint64_t{1}) / 2;
     const std::uint64_t left = batch_.chunks.size() - begin;
-    end = begin + (batch_.is_small ? left : std::clamp(fitting, std::uint64_t{1}, left));
+    end = begin + static_cast<std::size_t>(batch_.is_small ? left : std::clamp(fitting, std::uint64_t{1}, left));
     if (begin == 0) largest = 0;
     SPLATVOL_TRY(read_chunks(begin, end));
     for (std::size_t i = begin; i < end; ++i) {
@@ -828,7 +828,7 @@ void CellSweep::keep_waiting(const TileSegments& segments, Tile& tile) {
   tile.counts.clear();
   const auto make_room = [count](auto& waiting) {
     if (waiting.capacity() > 2 * count) release(waiting);
-    waiting.reserve(count);
+    waiting.reserve(static_cast<std::size_t>(count));
   };
   make_room(tile.waiting);
   if (frame_.has_shades()) make_room(tile.shades);
@@ -932,7 +932,7 @@ bool tiles::TileSegments::make_room() {
   if (is_full) return false;
   const auto spread = [&](auto& all) {
     if (all.empty()) return;
-    std::remove_reference_t<decltype(all)> more(more_room * pixels);
+    std::remove_reference_t<decltype(all)> more(static_cast<std::size_t>(more_room * pixels));
     for (std::size_t pixel = first_pixel; pixel < first_pixel + pixels; ++pixel)
       std::copy_n(all.begin() + static_cast<std::ptrdiff_t>(begin_of(pixel)), std::min(counts[pixel], room),
                   more.begin() + static_cast<std::ptrdiff_t>((pixel - first_pixel) * more_room));

@@ -245,7 +245,7 @@ TileRasterizer::Sequence TileRasterizer::sequence_of(const View& view, SortMode 
     const std::vector<std::uint32_t>& order = order_along(axis, view);
     return {order.data(), order.size(), view.forward[axis] >= 0};
   }
-  if (sort == SortMode::none) return {nullptr, list_.splats, true};
+  if (sort == SortMode::none) return {nullptr, static_cast<std::size_t>(list_.splats), true};
   if (ordered_view_ != view) {
     order_ = sort_keys(sorter_, SortKey::distance);
     ordered_view_ = view;
@@ -271,9 +271,9 @@ const std::vector<std::uint32_t>& TileRasterizer::order_along(int axis, const Vi
 
 std::span<const std::uint32_t> TileRasterizer::sort_keys(KeySorter& sorter, SortKey kind) {
   const auto compute = kernel_ == KernelKind::moments ? moments_keys : octant_keys;
-  keys_.resize(list_.splats);
+  keys_.resize(static_cast<std::size_t>(list_.splats));
   const SplatNumbers numbers{ranges_, first_ranges_};
-  const std::size_t tasks = (list_.splats + splats_per_task - 1) / splats_per_task;
+  const std::size_t tasks = (keys_.size() + splats_per_task - 1) / splats_per_task;
   parallel_for(std::size_t{0}, tasks, [&](std::size_t task) {
     const std::size_t begin = task * splats_per_task, end = std::min(begin + splats_per_task, keys_.size());
     compute(frame_, numbers, static_cast<std::uint32_t>(begin), kind, std::span(keys_).subspan(begin, end - begin));
@@ -282,7 +282,7 @@ std::span<const std::uint32_t> TileRasterizer::sort_keys(KeySorter& sorter, Sort
 }
 
 void TileRasterizer::reserve_batch() {
-  const std::size_t batch = std::min<std::size_t>(splats_per_batch, list_.splats);
+  const auto batch = static_cast<std::size_t>(std::min<std::uint64_t>(splats_per_batch, list_.splats));
   if (numbers_.size() < batch) numbers_.resize(batch);
   if (bounds_.size() < batch) bounds_.resize(batch);
   if (forms_.size() < batch) forms_.resize(batch);

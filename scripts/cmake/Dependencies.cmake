@@ -1,4 +1,8 @@
 # Every package comes from the distribution; scripts/install-packages lists them.
+if(EMSCRIPTEN)
+  include(scripts/cmake/Web.cmake)
+  return()
+endif()
 find_package(PkgConfig REQUIRED)
 find_package(Threads REQUIRED)
 find_package(fmt REQUIRED)

@@ -1,7 +1,7 @@
 # Files from strangers are read: what a fault in a reader could do is made harder.
 # Sanitizers find more, and bring their own checks.
 option(SPLATVOL_HARDENED "Stop at overflows of buffers and of the stack, with code at random addresses" ON)
-if(NOT SPLATVOL_HARDENED OR CMAKE_CXX_FLAGS MATCHES "-fsanitize" OR NOT CMAKE_CXX_COMPILER_ID MATCHES "GNU|Clang")
+if(NOT SPLATVOL_HARDENED OR EMSCRIPTEN OR CMAKE_CXX_FLAGS MATCHES "-fsanitize" OR NOT CMAKE_CXX_COMPILER_ID MATCHES "GNU|Clang")
   return()
 endif()
 

@@ -5,7 +5,10 @@
 set(SPLATVOL_HEADERS <algorithm> <array> <atomic> <bit> <chrono> <cmath> <condition_variable> <cstdint> <cstring>
     <filesystem> <fstream> <functional> <limits> <map> <memory> <mutex> <optional> <random> <ranges> <span> <string>
     <string_view> <thread> <unordered_map> <utility> <variant> <vector> <fmt/format.h> <glm/glm.hpp>
-    <glm/gtc/quaternion.hpp> <tbb/parallel_for.h> <tl/expected.hpp>)
+    <glm/gtc/quaternion.hpp> <tl/expected.hpp>)
+if(NOT EMSCRIPTEN)
+  list(APPEND SPLATVOL_HEADERS <tbb/parallel_for.h>)
+endif()
 
 # splatvol_share_headers(OWNER FOLDER...): the libraries of folders, and of those below, take OWNER's precompiled header.
 function(splatvol_share_headers owner)

@@ -277,7 +277,7 @@ Result<format::CellsAhead> KeptCells::read_gradients_ahead(std::span<const forma
 
 Result<std::shared_ptr<const void>> FileCells::read_ahead(std::span<const std::uint64_t> numbers) const {
   std::vector<format::CellChunkEntry> entries;
-  for (const std::uint64_t number : numbers) entries.push_back(entries_[number]);
+  for (const std::uint64_t number : numbers) entries.push_back(entries_[static_cast<std::size_t>(number)]);
   SPLATVOL_TRY_ASSIGN(ahead, kept_->read_ahead(entries));
   SPLATVOL_TRY_ASSIGN(more, kept_->read_gradients_ahead(entries, shown_.contours));
   ahead.insert(ahead.end(), more.begin(), more.end());
@@ -335,7 +335,7 @@ std::uint64_t FileCells::unread_tetrahedra() const {
   if (kept_->are_held()) return 0;
   std::uint64_t tetrahedra = 0;
   for (const Chunk& chunk : chunks_)
-    if (!kept_->holds(entries_[chunk.number])) tetrahedra += chunk.tetrahedra;
+    if (!kept_->holds(entries_[static_cast<std::size_t>(chunk.number)])) tetrahedra += chunk.tetrahedra;
   return tetrahedra;
 }
 
@@ -347,7 +347,7 @@ double FileCells::segments_of(const Chunk& chunk, const ShownFaces& faces) const
   const Box box{chunk.box.low - margin, chunk.box.high + margin};
   const dvec3 size = box.extent();
   const double volume = size.x * size.y * size.z;
-  const double area = entries_[chunk.number].area * faces.share;
+  const double area = entries_[static_cast<std::size_t>(chunk.number)].area * faces.share;
   return volume > 0 ? area / 4 / volume * faces_on_rays(box, faces.normals, view_) : 0;
 }
 
@@ -368,14 +368,15 @@ Result<double> FileCells::estimate_segments() const {
       read.emplace_back(chunks_[std::min(chunk, chunks_.size() - 1)].number, all / static_cast<double>(most_read));
     }
   std::vector<format::CellChunkEntry> entries;
-  for (const auto& [number, stands_for] : read) entries.push_back(entries_[number]);
+  for (const auto& [number, stands_for] : read) entries.push_back(entries_[static_cast<std::size_t>(number)]);
   SPLATVOL_TRY_ASSIGN(ahead, kept_->read_ahead(entries));
   double segments = 0;
   for (const auto& [number, stands_for] : read) {
     SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY_ASSIGN(faces, kept_->shown_faces(entries_[number], shown_));
-    const double of_all = segments_of(chunks_[number], {});
-    if (of_all > 0) segments += segments_of(chunks_[number], faces) / of_all * stands_for;
+    SPLATVOL_TRY_ASSIGN(faces, kept_->shown_faces(entries_[static_cast<std::size_t>(number)], shown_));
+    const Chunk& chunk = chunks_[static_cast<std::size_t>(number)];
+    const double of_all = segments_of(chunk, {});
+    if (of_all > 0) segments += segments_of(chunk, faces) / of_all * stands_for;
   }
   return segments;
 }

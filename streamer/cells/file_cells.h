@@ -125,11 +125,11 @@ class FileCells final : public CellSource {
 
   [[nodiscard]] std::span<const Chunk> chunks() const override { return chunks_; }
   [[nodiscard]] Result<const Tetrahedra*> read(const Chunk& chunk, Tetrahedra& scratch) const override {
-    return kept_->read(entries_[chunk.number], scratch);
+    return kept_->read(entries_[static_cast<std::size_t>(chunk.number)], scratch);
   }
   [[nodiscard]] Result<std::shared_ptr<const std::vector<dvec3>>> gradients(
       const Chunk& chunk, const Tetrahedra& cells, std::span<const double> contours) const override {
-    return kept_->gradients(entries_[chunk.number], cells, contours);
+    return kept_->gradients(entries_[static_cast<std::size_t>(chunk.number)], cells, contours);
   }
   [[nodiscard]] Result<std::shared_ptr<const void>> read_ahead(std::span<const std::uint64_t> numbers) const override;
 

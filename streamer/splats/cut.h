@@ -105,7 +105,7 @@ struct Cut {
   bool complete = true;           // every index page that was asked for was there
 
   [[nodiscard]] std::span<const PointRange> ranges_of(const CutItem& item) const {
-    return std::span(ranges).subspan(item.first_range, item.resolution + 1);
+    return std::span(ranges).subspan(static_cast<std::size_t>(item.first_range), item.resolution + 1);
   }
 
   [[nodiscard]] std::uint64_t memory_bytes() const {

@@ -19,7 +19,7 @@ Loader::Loader(const format::Volume& volume, const format::SummaryAttributes& at
   try {
     for (unsigned i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
   } catch (const std::system_error&) {
-    if (threads_.empty()) throw;  // fewer threads do the same, none do not
+    // Fewer threads do the same, or none.
   }
 }
 
@@ -40,7 +40,7 @@ std::vector<LoadRun> Loader::take_all(std::list<Run>& runs) {
 }
 
 void Loader::submit(LoadRun run) {
-  if (!volume_.waits()) {
+  if (threads_.empty()) {
     queue_.push_back({std::move(run), std::make_unique<FetchedBytes>()});
     const FetchedBytes::Scope scope(queue_.back().bytes.get());
     prefetch(volume_, queue_.back().run);
@@ -59,7 +59,7 @@ std::vector<LoadRun> Loader::withdraw() {
 }
 
 std::vector<LoadRun> Loader::extract_done() {
-  if (!volume_.waits()) decode_what_has_come();
+  if (threads_.empty()) decode_what_has_come();
   const std::scoped_lock lock(mutex_);
   return take_all(done_);
 }
@@ -82,7 +82,7 @@ void Loader::decode_what_has_come() {
 }
 
 void Loader::wait_until(std::chrono::steady_clock::time_point deadline) {
-  if (!volume_.waits()) return;
+  if (threads_.empty()) return;
   std::unique_lock lock(mutex_);
   const auto is_over = [this] { return !done_.empty() || (queue_.empty() && begun_ == 0); };
   for (auto now = std::chrono::steady_clock::now(); now < deadline && !is_interrupted() && !is_over();

@@ -17,8 +17,8 @@
 namespace splatvol {
 
 /// Threads of low priority that read and decode load runs, in the order of `submit`. All calls must come from one
-/// thread. Where reads do not wait (format::Volume::waits), there are no threads: `submit` asks for the bytes of a run,
-/// and `extract_done` decodes what has come, for a few milliseconds at most.
+/// thread. Where reads do not wait (format::Volume::waits), and where none starts, there are none: `submit` asks for
+/// the bytes of a run, and `extract_done` reads and decodes what has come, for a few milliseconds.
 class Loader {
  public:
   /// Keeps a reference to the volume. Calls `on_data`, if there is one, on its threads after each load run.

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "pictures/contrast.h"
+#include "pictures/outline.h"
 #include "pictures/page.h"
 #include "pictures/text.h"
 #include "pictures/ticks.h"

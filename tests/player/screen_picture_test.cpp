@@ -1,4 +1,5 @@
 // Pictures as a screen takes them.
+#include "pictures/outline.h"
 #include "player/screen_picture.h"
 
 #include <gtest/gtest.h>

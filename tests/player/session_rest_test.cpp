@@ -10,6 +10,7 @@
 
 #include "base/file.h"
 #include "format/volume.h"
+#include "pictures/outline.h"
 #include "renderer/cpu/srgb_bytes.h"
 #include "tests/player/session_fixture.h"
 
@@ -167,8 +168,9 @@ TEST_F(SessionAtRest, TheOutlineIsBehindTheVolume) {
   session->scene.outline = true;
   const auto with_outline = shown();
   EXPECT_EQ(session->shown_number(), number) << "the same picture";
-  const Page page = lay_out_page(200, 150, {}).value();
-  EXPECT_EQ(with_outline, bytes_of(session->page(page, {}).value()));
+  Image outlined = picture;
+  draw_outline(outlined, session->view(), session->bounds(), ink_on(session->scene.background));
+  EXPECT_EQ(with_outline, bytes_of(outlined));
   EXPECT_NE(with_outline, bytes_of(picture));
 }
 
