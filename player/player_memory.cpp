@@ -4,12 +4,11 @@
 
 #include "format/cell_reader.h"
 #include "player/scene_surfaces.h"
-#include "sampler/streamlines.h"
 
 namespace splatvol {
 namespace {
 
-// Patches, and the cells of streamlines, have at most one part in so many.
+// Patches have at most one part in so many, and streamlines have one.
 constexpr std::uint64_t memory_per_patches = 4;
 constexpr std::uint64_t memory_per_streamlines = 4;
 
@@ -20,7 +19,7 @@ PlayerMemory::Sizes PlayerMemory::sizes_of(std::uint64_t bytes, const format::Vo
                                            DrawnParts drawn, bool has_streamlines) {
   Sizes sizes;
   sizes.patches = std::min(bytes / memory_per_patches, bytes_of_patches(volume));
-  if (has_streamlines) sizes.streamlines = std::min(bytes / memory_per_streamlines, usual_streamline_bytes);
+  if (has_streamlines) sizes.streamlines = bytes / memory_per_streamlines;
   const std::uint64_t rest = bytes - sizes.patches - sizes.streamlines;
   if (drawn != DrawnParts::splats && format::CellReader::has_cells(volume)) {
     const bool only_cells = drawn == DrawnParts::cells;

@@ -26,7 +26,7 @@ class PlayerMemory {
   MemoryShare next_cells;   // those of the next step of a series
   MemoryShare sweep;        // what waits while cells are drawn
   MemoryShare patches;      // of the boundary
-  MemoryShare streamlines;  // cells that streamlines wait for
+  MemoryShare streamlines;  // lines, their tubes, and cells that they wait for
   PartTable table;
 
  private:

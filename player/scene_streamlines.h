@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/error.h"
+#include "base/memory_budget.h"
 #include "base/part_table.h"
 #include "format/volume.h"
 #include "player/player_memory.h"
@@ -33,14 +34,16 @@ struct SceneTubes {
   std::size_t seeds = 0;                                 // of the lines
   std::shared_ptr<const StreamlineFile> file = nullptr;  // before what needs it
   std::shared_ptr<const VectorField> field = nullptr;    // with the chunks that it read
+  std::shared_ptr<const Reservation> room = nullptr;     // of lines and tubes
 };
 
 /// Calls it with what is there so far.
 using TakeTubes = std::function<void(std::vector<SceneTubes>)>;
 
 /// Follows the streamlines of a scene that are shown, and makes tubes of them. Takes lines over that `before` has.
-/// `take`: called now and then while lines are followed, on any thread, one call at a time; none: not called. Fails as
-/// find_streamlines does. Heeds an Interruptible.
+/// `take`: called now and then while lines are followed, on any thread, one call at a time; none: not called. Lines and
+/// tubes have a part of PlayerMemory::streamlines, which has room for those that are shown as well. Fails as
+/// find_streamlines does, and with out_of_budget if they take more. Heeds an Interruptible.
 [[nodiscard]] Result<std::vector<SceneTubes>> read_scene_streamlines(std::span<const SceneStreamlines> streamlines,
                                                                      const StreamlineFile& file,
                                                                      std::span<const SceneTubes> before,

@@ -17,13 +17,6 @@ namespace {
 
 constexpr std::size_t most_names = 4;  // in a message
 
-// Bytes of triangles while they are drawn: their points are there twice (draw_surfaces), and they or the points may
-// have values.
-std::uint64_t drawn_bytes(std::uint64_t points, std::uint64_t triangles) {
-  return 2 * sizeof(dvec3) * points + sizeof(std::array<std::uint32_t, 3>) * triangles +
-         sizeof(double) * std::max(points, triangles);
-}
-
 // The patches of a boundary that a surface shows.
 struct PatchChoice {
   std::vector<std::size_t> patches;   // ascending
@@ -151,6 +144,12 @@ Status add_values(std::span<Surface> surfaces, const format::Volume& volume, std
     surface.values = std::make_shared<const SurfaceValues>(std::move(values));
   }
   return {};
+}
+
+// Points are there twice (draw_surfaces).
+std::uint64_t drawn_bytes(std::uint64_t points, std::uint64_t triangles) {
+  return 2 * sizeof(dvec3) * points + sizeof(std::array<std::uint32_t, 3>) * triangles +
+         sizeof(double) * std::max(points, triangles);
 }
 
 std::uint64_t bytes_of_patches(const format::Volume& volume) {

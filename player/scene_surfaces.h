@@ -29,6 +29,9 @@ namespace splatvol {
 [[nodiscard]] Status add_values(std::span<Surface> surfaces, const format::Volume& volume,
                                 std::span<const Surface> before);
 
+/// Returns the bytes of triangles while they are drawn, with values of them or of their points.
+[[nodiscard]] std::uint64_t drawn_bytes(std::uint64_t points, std::uint64_t triangles);
+
 /// Returns the bytes that all patches of a file's boundary take.
 [[nodiscard]] std::uint64_t bytes_of_patches(const format::Volume& volume);
 

@@ -16,8 +16,10 @@ void StreamlineJob::follow(SessionHost& host, const Player& player, const std::v
   asked_ = std::move(asked);
   begun_ = host.now();
   news_ = std::make_shared<News>();
+  std::vector<SceneTubes> before = player.tubes();
+  for (SceneTubes& tubes : before) tubes.surface = {}, tubes.room.reset();  // they go once others are shown
   task_ = {host,
-           [file, streamlines, before = player.tubes(), news = news_] {
+           [file, streamlines, before = std::move(before), news = news_] {
              return read_scene_streamlines(streamlines, file, before, [&](std::vector<SceneTubes> tubes) {
                const std::scoped_lock lock(news->mutex);
                news->tubes = std::move(tubes);

@@ -1,10 +1,10 @@
 #include "renderer/depth_pyramid.h"
 
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <bit>
 #include <utility>
+
+#include "base/parallel.h"
 
 namespace splatvol {
 namespace {
@@ -39,7 +39,7 @@ DepthPyramid::DepthPyramid(const SurfaceDepths& depths, double unit)
 void DepthPyramid::add_rows_of_cells(const SurfaceDepths& depths, double unit) {
   Level& level = levels_.emplace_back(Level{cells_along(width_), cells_along(height_), {}});
   level.ranges.resize(static_cast<std::size_t>(level.columns) * level.rows);
-  tbb::parallel_for(0, (height_ + cell_size - 1) / cell_size, [&](int row) {
+  parallel_for(0, (height_ + cell_size - 1) / cell_size, [&](int row) {
     DepthRange* ranges = level.ranges.data() + static_cast<std::ptrdiff_t>(row) * level.columns;
     for (int y = row * cell_size; y < std::min((row + 1) * cell_size, height_); ++y) {
       const float* from = depths.depths.data() + static_cast<std::ptrdiff_t>(height_ - 1 - y) * width_;

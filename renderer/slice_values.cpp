@@ -1,7 +1,5 @@
 #include "renderer/slice_values.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -9,6 +7,7 @@
 #include <limits>
 #include <variant>
 
+#include "base/parallel.h"
 #include "splat/ellipsoid.h"
 #include "splat/kernel.h"
 
@@ -81,9 +80,9 @@ class SliceDrawing {
 
   void add(std::span<const DrawRange> ranges) {
     std::vector<std::vector<SplatOnPlane>> found(ranges.size());
-    tbb::parallel_for(std::size_t{0}, ranges.size(), [&](std::size_t i) { find_splats(ranges[i], found[i]); });
+    parallel_for(std::size_t{0}, ranges.size(), [&](std::size_t i) { find_splats(ranges[i], found[i]); });
     const int bands = (view_.height + band_rows - 1) / band_rows;
-    tbb::parallel_for(0, bands, [&](int band) {
+    parallel_for(0, bands, [&](int band) {
       const int first = band * band_rows, last = std::min(first + band_rows, view_.height) - 1;
       for (const auto& splats : found)
         for (const SplatOnPlane& splat : splats) draw_rows(splat, first, last);
@@ -92,7 +91,7 @@ class SliceDrawing {
 
   [[nodiscard]] std::vector<double> values(std::span<const double> depths, double least) const {
     std::vector<double> values(depths.size(), std::numeric_limits<double>::quiet_NaN());
-    tbb::parallel_for(std::size_t{0}, depths.size(), [&](std::size_t i) {
+    parallel_for(std::size_t{0}, depths.size(), [&](std::size_t i) {
       const DensitySums sums{sums_.whole[i], sums_.bounded[i], sums_.left[i]};
       if (depths[i] < infinity && sums.is_material(least))
         values[i] = units_.value(static_cast<double>(sums_.value[i]) / sums.left);

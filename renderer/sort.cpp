@@ -1,9 +1,9 @@
 #include "renderer/sort.h"
 
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
+
+#include "base/parallel.h"
 
 namespace splatvol {
 
@@ -30,7 +30,7 @@ std::size_t radix_pass(std::size_t count, int shift, const KeyOf& key_of, const 
   };
 
   std::vector<Histogram> next_index(slices, Histogram{});
-  tbb::parallel_for(std::size_t{0}, slices, [&](std::size_t slice) {
+  parallel_for(std::size_t{0}, slices, [&](std::size_t slice) {
     for_each_digit(slice, [&](std::size_t, std::uint32_t digit) { ++next_index[slice][digit]; });
   });
 
@@ -39,7 +39,7 @@ std::size_t radix_pass(std::size_t count, int shift, const KeyOf& key_of, const 
   for (std::size_t digit = 0; digit < digit_count; ++digit)
     for (Histogram& histogram : next_index) total += std::exchange(histogram[digit], total);
 
-  tbb::parallel_for(std::size_t{0}, slices, [&](std::size_t slice) {
+  parallel_for(std::size_t{0}, slices, [&](std::size_t slice) {
     for_each_digit(slice, [&](std::size_t i, std::uint32_t digit) { move(i, next_index[slice][digit]++); });
   });
   return total;

@@ -1,7 +1,5 @@
 #include "renderer/transfer_table.h"
 
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,6 +11,8 @@
 #include <span>
 #include <utility>
 #include <vector>
+
+#include "base/parallel.h"
 
 namespace splatvol {
 
@@ -263,7 +263,7 @@ TransferTable average(const TransferFunction& function, std::size_t columns, std
   const Averager average(function);
   TransferTable table{columns, rows, std::vector<vec4>(columns * rows)};
   for (std::size_t column = 0; column < columns; ++column) table.entries[column] = average(table.mean(0, column));
-  tbb::parallel_for(std::size_t{1}, rows, [&](std::size_t row) {
+  parallel_for(std::size_t{1}, rows, [&](std::size_t row) {
     const double first = table.mean(row, 0);
     const double step = (table.mean(row, columns - 1) - first) / static_cast<double>(columns - 1);
     average(first, step, table.spread(row), std::span(table.entries).subspan(row * columns, columns));

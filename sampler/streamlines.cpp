@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <condition_variable>
 #include <exception>
@@ -73,7 +74,7 @@ struct Path {
   double sign = 1;  // of times; velocities have it, too
   std::vector<dvec3> positions = {};
   std::vector<double> times = {};
-  std::vector<std::vector<double>> values = {};  // [row]
+  std::vector<double> values = {};  // [row][attribute]
   std::optional<StreamlineEnd> end = {};
 
   Row last = {};
@@ -85,17 +86,18 @@ struct Path {
   void add(Row row) {
     positions.push_back(row.position);
     times.push_back(sign * row.time);
-    values.push_back(std::move(row.values));
+    values.insert(values.end(), row.values.begin(), row.values.end());
     last = std::move(row);
     has_waited = false;
   }
 };
 
-// Takes steps. For one thread.
+// Takes steps. For one thread. `rows`: of all paths together.
 class Stepper {
  public:
-  Stepper(const VectorField& field, const StreamlineLimits& limits, std::size_t threads)
-      : field_(field), limits_(limits), reader_(field, threads) {}
+  Stepper(const VectorField& field, const StreamlineLimits& limits, std::size_t threads,
+          std::atomic<std::uint64_t>& rows)
+      : field_(field), limits_(limits), reader_(field, threads), rows_(rows) {}
 
   [[nodiscard]] FieldReader& reader() { return reader_; }
 
@@ -104,7 +106,11 @@ class Stepper {
     bool goes_on = true;
     while (goes_on && !path.end) {
       SPLATVOL_TRY(check_interruption());
+      const std::size_t before = path.positions.size();
       goes_on = path.is_begun() ? step(path) : begin(path);
+      const std::size_t added = path.positions.size() - before;
+      if (rows_.fetch_add(added, std::memory_order_relaxed) + added > limits_.rows)
+        return fail(ErrorCode::out_of_budget, "streamlines have more than {} rows", limits_.rows);
       if (!goes_on && trouble_ == Trouble::failure) return tl::unexpected(reader_.failure());
     }
     return {};
@@ -227,6 +233,7 @@ class Stepper {
   const VectorField& field_;
   const StreamlineLimits& limits_;
   FieldReader reader_;
+  std::atomic<std::uint64_t>& rows_;
   FieldPlace place_;
   Trouble trouble_ = Trouble::none;
   StreamlineEnd end_ = StreamlineEnd::mesh;
@@ -234,12 +241,16 @@ class Stepper {
 
 // Appends a path to a line: against the vectors the last row first, and otherwise without the seed if it is there.
 void append(Path& path, bool is_backward, Streamline& line) {
-  const std::size_t rows = path.positions.size();
+  const std::size_t rows = path.positions.size(), all = line.positions.size() + rows;
+  line.positions.reserve(all);
+  line.times.reserve(all);
+  for (std::vector<double>& values : line.values) values.reserve(all);
   for (std::size_t i = !is_backward && !line.positions.empty() ? 1 : 0; i < rows; ++i) {
     const std::size_t row = is_backward ? rows - 1 - i : i;
     line.positions.push_back(path.positions[row]);
     line.times.push_back(path.times[row]);
-    for (std::size_t a = 0; a < line.values.size(); ++a) line.values[a].push_back(path.values[row][a]);
+    for (std::size_t a = 0; a < line.values.size(); ++a)
+      line.values[a].push_back(path.values[row * line.values.size() + a]);
   }
   (is_backward ? line.begin : line.end) = *path.end;
   path = {};
@@ -260,7 +271,7 @@ class Paths {
 
   // Follows paths until all have ended. For each of `threads`.
   [[nodiscard]] Status follow(std::size_t threads) {
-    Stepper stepper(field_, limits_, threads);
+    Stepper stepper(field_, limits_, threads, rows_);
     std::unique_lock lock(mutex_);
     for (;;) {
       changed_.wait(lock, [&] { return has_failed_ || !waiting_.empty() || working_ == 0; });
@@ -338,6 +349,7 @@ class Paths {
   std::condition_variable changed_;
   std::map<std::uint32_t, std::vector<std::size_t>> waiting_;  // [chunk]: paths
   std::size_t working_ = 0;                                    // threads
+  std::atomic<std::uint64_t> rows_ = 0;
   bool has_failed_ = false;
 };
 

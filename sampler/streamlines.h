@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -18,11 +19,16 @@ namespace splatvol {
 /// Memory for chunks of cells that lets most streamlines read each chunk once.
 inline constexpr std::uint64_t usual_streamline_bytes = std::uint64_t{64} << 20;
 
+/// Most bytes that streamlines take while they are followed: for each seed, and for each row with one attribute.
+inline constexpr std::uint64_t streamline_bytes_per_seed = 1000;
+inline constexpr std::uint64_t streamline_bytes_per_row = 80;
+
 /// How far streamlines are followed.
 struct StreamlineLimits {
   StreamlineDirection direction = StreamlineDirection::both;
   double length = 0;  // from the seed, each way
   std::size_t steps = 0;
+  std::uint64_t rows = std::numeric_limits<std::uint64_t>::max();  // of all lines together, as far as they are followed
 };
 
 /// Follows the streamlines of seeds, by steps of Dormand and Prince. No step is estimated to be off by more than 1e-5
@@ -32,7 +38,8 @@ struct StreamlineLimits {
 ///
 /// Lines wait for chunks of cells. The chunk for which most of them wait is read next, and a step that lacks one is
 /// begun again. Calls take(line) for each line that is complete, in any order, from any thread, but one call at a time.
-/// Lines have the same bits for any order of seeds, number of threads, and memory. Heeds an Interruptible.
+/// Lines have the same bits for any order of seeds, number of threads, and memory. Fails with out_of_budget beyond the
+/// limit of rows. Heeds an Interruptible.
 [[nodiscard]] Status follow_streamlines(const VectorField& field, std::span<const dvec3> seeds,
                                         const StreamlineLimits& limits, std::size_t threads,
                                         const std::function<void(Streamline)>& take);

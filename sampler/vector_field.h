@@ -105,11 +105,12 @@ struct FieldPlace {
   }
 };
 
-/// Finds positions. For one thread. Holds the chunks that it used last.
+/// Finds positions. For one thread. Holds the chunks that it used last: all threads have an eighth of the field's
+/// share.
 class FieldReader {
  public:
   FieldReader(const VectorField& field, std::size_t threads)
-      : field_(field), most_held_(field.share().capacity() / (2 * threads)) {}
+      : field_(field), most_held_(field.share().capacity() / (8 * threads)) {}
 
   enum class Found { value, missing, nothing, lacking, failure };
 

@@ -80,6 +80,8 @@ set(mpi_layers builder/distributed)
 # These layers have no threads and no locks: whoever uses them brings both (base/run_tasks.h, base/part_table.h).
 set(thread_headers condition_variable future mutex shared_mutex thread)
 set(threadless_layers format)
+# These layers may run where there are no threads, so they have loops of base/parallel.h, and none of TBB's.
+set(tbbless_layers scene splat pictures format sampler ${streamer_rooms} ${renderer_rooms} renderer/surfaces player)
 # Only these layers and files may call OpenGL.
 set(gl_callers renderer/gl viewer/window library/examples tools/svview.cpp)
 
@@ -140,6 +142,10 @@ foreach(searched IN LISTS layers)
       elseif(quote STREQUAL "<" AND header IN_LIST thread_headers)
         if(layer IN_LIST threadless_layers)
           list(APPEND broken "${source} includes ${header}: ${layer} may have no threads and no locks")
+        endif()
+      elseif(quote STREQUAL "<" AND header MATCHES "^(oneapi/)?tbb/")
+        if(layer IN_LIST tbbless_layers)
+          list(APPEND broken "${source} includes ${header}: ${layer} may not know TBB")
         endif()
       elseif(quote STREQUAL "<" AND header MATCHES "^vtk[A-Za-z0-9_]*\\.h$")
         if(NOT layer IN_LIST vtk_layers)

@@ -12,6 +12,7 @@ COMMANDS = {
     "report": ("report", "writes docs/results.md again from the CSV files of `svbench speed`"),
     "error": ("error", "measures whether svrender --max-error keeps its word; prints a table for docs/accuracy.md"),
     "hard": ("hard", "compares pictures of hard cases with exact ones; writes docs/hard-cases.md"),
+    "estimates": ("estimates", "compares svbuild --estimate with builds; writes that section of docs/scale.md"),
     "scale": ("scale", "builds larger and larger volumes; writes the section Builds of docs/scale.md"),
     "paging": ("paging", "measures the cost of a view of files of different sizes; writes the section Views of docs/scale.md"),
     "look": ("look", "measures how svview keeps up with a hand that turns the data; prints a table for docs/scale.md"),

@@ -7,7 +7,10 @@ namespace splatvol {
 namespace {
 
 // Along a face, to the left of which edge `number` leads away from a vertex, this edge leads on.
-std::uint32_t next_edge(std::uint32_t number) { return number == 0 ? 2 : number - 1; }
+std::uint32_t next_edge(std::uint32_t number) {
+  // 2, 0, 1: a branch would be guessed wrong.
+  return 0b01'00'10U >> 2 * number & 3;
+}
 
 }  // namespace
 
@@ -16,6 +19,8 @@ void ConvexCell::make_room(std::size_t count) {
   vertices_.resize(2 * count);
   edges_.resize(2 * count);
   heights_.resize(2 * count);
+  outside_.resize(2 * count);
+  crossings_.resize(6 * count);
 }
 
 void ConvexCell::reset(const dvec3& low, const dvec3& high) {
@@ -36,27 +41,25 @@ void ConvexCell::reset(const dvec3& low, const dvec3& high) {
     for (const double side : {-1.0, 1.0}) {
       dvec3 normal{0};
       normal[axis] = side;
-      planes_.push_back({normal, no_label});
+      planes_.emplace_back(normal, no_label);
     }
 }
 
 bool ConvexCell::clip(const dvec3& normal, double offset, std::uint32_t label) {
-  outside_.resize(count_);
-  std::size_t outside = 0;
+  for (std::uint32_t v = 0; v < count_; ++v) heights_[v] = glm::dot(normal, vertices_[v]) - offset;
+  std::size_t count = 0;
   for (std::uint32_t v = 0; v < count_; ++v) {
-    heights_[v] = glm::dot(normal, vertices_[v]) - offset;
-    outside_[outside] = v;
-    outside += heights_[v] > 0 ? 1 : 0;
+    outside_[count] = v;
+    count += heights_[v] > 0 ? 1 : 0;
   }
-  if (outside == 0) return false;
-  outside_.resize(outside);
+  if (count == 0) return false;
   faces_.clear();
-  planes_.push_back({normal, label});
-  const std::uint32_t first = count_;
-  make_room(count_ + 3 * outside);
-  cross_edges();
-  const bool joined = join_crossings(first);
-  if (joined) forget_outside();
+  planes_.emplace_back(normal, label);
+  make_room(count_ + 3 * count);
+  const std::span outside = std::span(outside_).first(count);
+  const std::span crossings = find_crossings(outside);
+  const bool joined = join(crossings);
+  if (joined) replace(outside, crossings);
   // With three faces at each vertex, a closed cell has fewer than two vertices for each face, or a few more by
   // rounding. Sizes that are many decades apart can round it open: then it would grow with every cut, and nothing is
   // left of it.
@@ -65,48 +68,61 @@ bool ConvexCell::clip(const dvec3& normal, double offset, std::uint32_t label) {
   return true;
 }
 
-// Puts a vertex on each edge from outside to inside. The inside part of the edge becomes edge 0 of the new vertex, and
-// the outside part leads to the new vertex, too.
-void ConvexCell::cross_edges() {
-  crossings_.clear();
-  for (const std::uint32_t v : outside_)
+// Lists the edges from outside to inside. From outside, each then leads to its crossing: numbers from count_ on.
+std::span<ConvexCell::Crossing> ConvexCell::find_crossings(std::span<const std::uint32_t> outside) {
+  std::uint32_t count = 0;
+  for (const std::uint32_t v : outside)
     for (std::uint32_t k = 0; k < 3; ++k) {
-      const Edge edge = edges_[v][k];
-      if (heights_[edge.to] > 0) continue;
-      const double share = heights_[edge.to] / (heights_[edge.to] - heights_[v]);
-      vertices_[count_] = vertices_[edge.to] + share * (vertices_[v] - vertices_[edge.to]);
-      heights_[count_] = 0;
-      edges_[count_][0] = edge;
-      Edge& inside = edges_[edge.to][edge.number];
-      inside.to = count_, inside.number = 0;
-      edges_[v][k].to = count_++;
-      crossings_.push_back({v, k});
+      crossings_[count].vertex = v, crossings_[count].edge = k;
+      count += heights_[edges_[v][k].to] > 0 ? 0 : 1;
     }
+  for (std::uint32_t c = 0; c < count; ++c) {
+    Crossing& crossing = crossings_[c];
+    const std::uint32_t v = crossing.vertex;
+    Edge& edge = edges_[v][crossing.edge];
+    const double share = heights_[edge.to] / (heights_[edge.to] - heights_[v]);
+    crossing.position = vertices_[edge.to] + share * (vertices_[v] - vertices_[edge.to]);
+    crossing.inside = edge;
+    edge.to = count_ + c;
+    // The last new vertices take the places of the outside ones.
+    const std::size_t from_end = count - 1 - c;
+    crossing.place = from_end < outside.size() ? outside[from_end] : count_ + c;
+  }
+  return std::span(crossings_).first(count);
 }
 
-// Goes along the outside vertices of each cut face: from the crossing out of the inside to the crossing back.
-// `first`: the first new vertex. Returns false if the way round a face does not end.
-bool ConvexCell::join_crossings(std::uint32_t first) {
-  const auto cap = static_cast<std::uint32_t>(planes_.size() - 1);
-  for (std::uint32_t c = 0; c < crossings_.size(); ++c) {
-    std::uint32_t vertex = crossings_[c].vertex, edge = next_edge(crossings_[c].edge);
-    for (std::uint32_t steps = 0; edges_[vertex][edge].to < first; ++steps) {
-      if (steps > first) return false;
+// Goes along the outside vertices of each cut face: from the crossing out of the inside to the crossing back. Returns
+// false if the way round a face does not end.
+bool ConvexCell::join(std::span<Crossing> crossings) {
+  for (Crossing& crossing : crossings) {
+    std::uint32_t vertex = crossing.vertex, edge = next_edge(crossing.edge);
+    for (std::uint32_t steps = 0; edges_[vertex][edge].to < count_; ++steps) {
+      if (steps > count_) return false;
       const Edge& along = edges_[vertex][edge];
       vertex = along.to;
       edge = next_edge(along.number);
     }
-    const std::uint32_t leaves = first + c, returns = edges_[vertex][edge].to;
-    const Edge& in = edges_[leaves][0];
-    edges_[leaves][2] = {returns, 1, edges_[in.to][in.number].plane};
-    edges_[returns][1] = {leaves, 2, cap};
+    crossing.back = edges_[vertex][edge].to - count_;
   }
   return true;
 }
 
-// Moves the last vertices to where outside ones are.
-void ConvexCell::forget_outside() {
-  for (const std::uint32_t v : outside_) {
+// Puts a vertex at each crossing, whose edge 0 leads inside. Moves the last vertices to where other outside ones are.
+void ConvexCell::replace(std::span<const std::uint32_t> outside, std::span<const Crossing> crossings) {
+  const auto cap = static_cast<std::uint32_t>(planes_.size() - 1);
+  for (const Crossing& crossing : crossings) {
+    const std::uint32_t place = crossing.place, back = crossings[crossing.back].place;
+    Edge& inside = edges_[crossing.inside.to][crossing.inside.number];
+    vertices_[place] = crossing.position;
+    heights_[place] = 0;
+    edges_[place][0] = crossing.inside;
+    edges_[place][2] = {back, 1, inside.plane};
+    edges_[back][1] = {place, 2, cap};
+    inside.to = place, inside.number = 0;
+  }
+  const std::size_t replaced = std::min(crossings.size(), outside.size());
+  count_ += static_cast<std::uint32_t>(crossings.size() - replaced);
+  for (const std::uint32_t v : outside.subspan(replaced)) {
     while (count_ > 0 && heights_[count_ - 1] > 0) --count_;
     if (v >= count_) break;
     --count_;
@@ -128,21 +144,23 @@ double ConvexCell::largest_normal_squared() const {
 
 std::span<const ConvexCell::Face> ConvexCell::faces() const {
   if (!faces_.empty()) return faces_;
-  loops_.clear();
-  seen_.assign(3 * std::size_t{count_}, 0);
+  const std::size_t edges = 3 * std::size_t{count_};
+  loops_.resize(edges);
+  seen_.assign(edges, 0);
+  std::uint32_t end = 0;
   for (std::uint32_t v = 0; v < count_; ++v)
     for (std::uint32_t k = 0; k < 3; ++k) {
       if (seen_[3 * v + k] != 0) continue;
       const Plane& plane = planes_[edges_[v][k].plane];
-      const auto begin = static_cast<std::uint32_t>(loops_.size());
+      const std::uint32_t begin = end;
       for (std::uint32_t at = v, edge = k; seen_[3 * at + edge] == 0;) {
         seen_[3 * at + edge] = 1;
-        loops_.push_back(at);
+        loops_[end++] = at;
         const Edge& along = edges_[at][edge];
         at = along.to;
         edge = next_edge(along.number);
       }
-      faces_.push_back({plane.normal, plane.label, begin, static_cast<std::uint32_t>(loops_.size())});
+      faces_.emplace_back(plane.normal, plane.label, begin, end);
     }
   return faces_;
 }

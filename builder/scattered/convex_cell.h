@@ -65,27 +65,31 @@ class ConvexCell {
     dvec3 normal;
     std::uint32_t label;
   };
-  // An outside vertex, and its edge that the plane of the current cut crosses.
+  // An edge from outside to inside, which the plane of the current cut crosses.
   struct Crossing {
-    std::uint32_t vertex, edge;
+    std::uint32_t vertex, edge;  // outside
+    Edge inside;                 // the same edge, as it goes on inside
+    dvec3 position;
+    std::uint32_t place;  // of the new vertex
+    std::uint32_t back;   // the crossing where the new face's edge from here ends
   };
   void make_room(std::size_t count);
-  void cross_edges();
-  [[nodiscard]] bool join_crossings(std::uint32_t first);
-  void forget_outside();
+  std::span<Crossing> find_crossings(std::span<const std::uint32_t> outside);
+  [[nodiscard]] bool join(std::span<Crossing> crossings);
+  void replace(std::span<const std::uint32_t> outside, std::span<const Crossing> crossings);
 
   std::uint32_t count_ = 0;      // of vertices; arrays may be longer, so that nothing is made that is not used
   std::vector<dvec3> vertices_;  // [vertex], as the next two
   std::vector<Edges> edges_;
-  std::vector<double> heights_;  // over the plane of the current cut
-  std::vector<Plane> planes_;
+  std::vector<double> heights_;         // over the plane of the current cut
   std::vector<std::uint32_t> outside_;  // of the current cut: vertices, ascending
   std::vector<Crossing> crossings_;
+  std::vector<Plane> planes_;
 
   mutable std::vector<Face> faces_;  // empty: not found yet
   mutable std::vector<std::uint32_t> loops_;
-  mutable std::vector<std::uint8_t> seen_;
-  mutable std::vector<double> weights_;  // [vertex]: volume of the tetrahedra at it
+  mutable std::vector<std::uint32_t> seen_;  // no bytes, as their writes might change any other number
+  mutable std::vector<double> weights_;      // [vertex]: volume of the tetrahedra at it
 };
 
 }  // namespace splatvol

@@ -40,6 +40,8 @@ const std::array<Places, place_count>& all_places() {
   return made;
 }
 
+LaneVectors side_by_side(const dvec3& v) { return lanes_of(v, v, v, v); }
+
 }  // namespace
 
 bool LeafSamples::find(const PointLeaves& points, const PointLeaves::Leaf& leaf, std::uint32_t own,
@@ -60,35 +62,56 @@ void LeafSamples::enter_block(const PointLeaves& points, std::uint32_t block, st
   const Box& box = points.blocks()[block];
   const dvec3 extent = box.extent();
   const double margin = extent[longest_axis(extent)] / 2;
-  near_.clear();
-  points.find({box.low - margin, box.high + margin}, near_);
-  if (near_.size() > most_near) {
-    near_.clear();
-    points.find(box, near_);
+  entries_.clear();
+  points.find({box.low - margin, box.high + margin}, entries_);
+  if (entries_.size() > most_near) {
+    entries_.clear();
+    points.find(box, entries_);
   }
-  has_own_ = std::ranges::any_of(near_, [&](const PointLeaves::Entry& entry) { return entry.point() < own; });
+  has_own_ = std::ranges::any_of(entries_, [&](const PointLeaves::Entry& entry) { return entry.point() < own; });
+  near_.resize((entries_.size() + lanes - 1) / lanes);
+  if (!near_.empty()) near_.back() = {side_by_side(dvec3(std::numeric_limits<double>::quiet_NaN())), {}};
+  for (std::size_t i = 0; i < entries_.size(); ++i) {
+    Near& near = near_[i / lanes];
+    const std::size_t lane = i % lanes;
+    const Lanes& entry = entries_[i].lanes;
+    near.positions.x[lane] = entry[0], near.positions.y[lane] = entry[1], near.positions.z[lane] = entry[2];
+    near.points[lane] = entries_[i].point();
+  }
 }
 
 // Keeps the points that are nearer to some location of the leaf than the point nearest to its centre.
 void LeafSamples::find_candidates(const Box& leaf) {
-  const dvec3 center = (leaf.low + leaf.high) / 2.0, half = leaf.extent() / 2.0;
-  double least = std::numeric_limits<double>::infinity();
-  dvec3 nearest(0);
-  for (const PointLeaves::Entry& entry : near_) {
-    const dvec3 d = entry.position() - center;
-    const double square = squared_length(d);
-    nearest = square < least ? d : nearest;
-    least = std::min(least, square);
+  const LaneVectors center = side_by_side((leaf.low + leaf.high) / 2.0), half = side_by_side(leaf.extent() / 2.0);
+  Lanes squares = Lanes{} + std::numeric_limits<double>::infinity();
+  LaneBits numbers{};
+  for (std::size_t i = 0; i < near_.size(); ++i) {
+    const LaneVectors d = near_[i].positions - center;
+    const Lanes square = dot(d, d);
+    numbers = square < squares ? LaneBits{} + static_cast<std::int64_t>(i) : numbers;
+    squares = square < squares ? square : squares;
   }
-  kept_.resize(near_.size());
+  // The first of those that are equally near.
+  std::size_t first = 0;
+  for (std::size_t l = 1; l < lanes; ++l)
+    if (squares[l] < squares[first] || (squares[l] == squares[first] && numbers[l] < numbers[first])) first = l;
+  const double least = squares[first];
+  const LaneVectors nearest = side_by_side((near_[static_cast<std::size_t>(numbers[first])].positions - center)[first]);
+  candidates_.resize(lanes * near_.size());
   std::size_t kept = 0;
-  for (std::uint32_t i = 0; i < near_.size(); ++i) {
-    const dvec3 d = near_[i].position() - center;
-    kept_[kept] = i;
-    kept += squared_length(d) <= rounding * (least + 2 * glm::dot(glm::abs(d - nearest), half)) ? 1 : 0;
+  for (std::size_t i = 0; i < near_.size(); ++i) {
+    const LaneVectors d = near_[i].positions - center, away = d - nearest;
+    const LaneVectors distance{magnitude(away.x), magnitude(away.y), magnitude(away.z)};
+    const LaneBits is_near = dot(d, d) <= rounding * (least + 2 * dot(distance, half));
+    if (!any(is_near)) continue;
+    const Lanes x = d.x / unit_, y = d.y / unit_, z = d.z / unit_;
+    for (std::size_t l = 0; l < lanes; ++l) {
+      candidates_[kept] = {static_cast<float>(x[l]), static_cast<float>(y[l]), static_cast<float>(z[l]),
+                           near_[i].points[l]};
+      kept += is_near[l] != 0 ? 1 : 0;
+    }
   }
-  candidates_.clear();
-  for (std::size_t k = 0; k < kept; ++k) candidates_.push_back(candidate(near_[kept_[k]], center));
+  candidates_.resize(kept);
 }
 
 void LeafSamples::place(const dvec3& extent, std::uint32_t seed) {
@@ -105,21 +128,19 @@ void LeafSamples::place(const dvec3& extent, std::uint32_t seed) {
 void LeafSamples::compare() {
   nearest_square_.fill(std::numeric_limits<float>::infinity());
   second_square_.fill(std::numeric_limits<float>::infinity());
-  nearest_.fill(-1);
-  second_.fill(-1);
-  for (std::size_t c = 0; c < candidates_.size(); ++c) {
-    const Candidate& candidate = candidates_[c];
-    const auto number = static_cast<std::int32_t>(c);
+  nearest_.fill(PointLeaves::none);
+  second_.fill(PointLeaves::none);
+  for (const auto [px, py, pz, point] : candidates_)
     for (std::size_t s = 0; s < count; ++s) {
-      const float x = x_[s] - candidate.x, y = y_[s] - candidate.y, z = z_[s] - candidate.z;
-      const float square = x * x + y * y + z * z, first = nearest_square_[s], second = second_square_[s];
-      const bool nearest = square < first, near = square < second;
-      second_square_[s] = nearest ? first : near ? square : second;
-      second_[s] = nearest ? nearest_[s] : near ? number : second_[s];
-      nearest_square_[s] = nearest ? square : first;
-      nearest_[s] = nearest ? number : nearest_[s];
+      const float x = x_[s] - px, y = y_[s] - py, z = z_[s] - pz, square = x * x + y * y + z * z;
+      const float first = nearest_square_[s], second = second_square_[s];
+      const std::uint32_t first_point = nearest_[s], second_point = second_[s];
+      const bool is_nearest = square < first, is_second = square < second;
+      second_square_[s] = is_nearest ? first : is_second ? square : second;
+      second_[s] = is_nearest ? first_point : is_second ? point : second_point;
+      nearest_square_[s] = is_nearest ? square : first;
+      nearest_[s] = is_nearest ? point : first_point;
     }
-  }
 }
 
 }  // namespace splatvol

@@ -25,8 +25,8 @@ class LeafSamples {
   bool find(const PointLeaves& points, const PointLeaves::Leaf& leaf, std::uint32_t own, std::uint32_t seed);
 
   /// Both are PointLeaves::none where there is no such point. [sample], the first coordinate fastest
-  [[nodiscard]] std::uint32_t nearest(std::size_t sample) const { return point(nearest_[sample]); }
-  [[nodiscard]] std::uint32_t second(std::size_t sample) const { return point(second_[sample]); }
+  [[nodiscard]] std::uint32_t nearest(std::size_t sample) const { return nearest_[sample]; }
+  [[nodiscard]] std::uint32_t second(std::size_t sample) const { return second_[sample]; }
 
  private:
   // A point that may be nearest to a sample, from the leaf's centre, in units of half its diagonal.
@@ -34,27 +34,24 @@ class LeafSamples {
     float x, y, z;
     std::uint32_t point;
   };
+  struct Near {
+    LaneVectors positions;  // NaN behind the last point
+    std::array<std::uint32_t, lanes> points;
+  };
   void enter_block(const PointLeaves& points, std::uint32_t block, std::uint32_t own);
   void find_candidates(const Box& leaf);
   void place(const dvec3& extent, std::uint32_t seed);
   void compare();
-  [[nodiscard]] Candidate candidate(const PointLeaves::Entry& entry, const dvec3& center) const {
-    const vec3 local((entry.position() - center) / unit_);
-    return {local.x, local.y, local.z, entry.point()};
-  }
-  [[nodiscard]] std::uint32_t point(std::int32_t candidate) const {
-    return candidate < 0 ? PointLeaves::none : candidates_[static_cast<std::size_t>(candidate)].point;
-  }
 
   double unit_ = 1;
   std::uint32_t block_ = PointLeaves::none;  // whose surroundings are known
   bool has_own_ = false;                     // whether an own point is there
-  std::vector<PointLeaves::Entry> near_;     // points there
-  std::vector<std::uint32_t> kept_;          // numbers of those that are candidates
+  std::vector<PointLeaves::Entry> entries_;  // there
+  std::vector<Near> near_;                   // these, side by side
   std::vector<Candidate> candidates_;
   alignas(64) std::array<float, count> x_, y_, z_;
   alignas(64) std::array<float, count> nearest_square_, second_square_;
-  alignas(64) std::array<std::int32_t, count> nearest_, second_;  // candidates; -1: none
+  alignas(64) std::array<std::uint32_t, count> nearest_, second_;
 };
 
 }  // namespace splatvol

@@ -11,6 +11,12 @@ constexpr std::uint32_t leaf_points = 4, block_points = 32;
 // Points in a box so many times smaller than theirs are cut out of it at once, instead of by halving.
 constexpr double cut_ratio = 64;
 
+// Of the first three lanes.
+double squared_length(const Lanes& v) {
+  const Lanes squares = v * v;
+  return squares[0] + squares[1] + squares[2];
+}
+
 }  // namespace
 
 void PointLeaves::build(std::span<const dvec3> positions, std::uint32_t own, const Box& domain) {
@@ -23,7 +29,7 @@ void PointLeaves::build(std::span<const dvec3> positions, std::uint32_t own, con
   kept_.assign(positions.size(), 0);
   for (std::uint32_t i = 0; i < positions.size(); ++i) {
     const dvec3& p = positions[i];
-    entries_.push_back({Entry::Lanes{p.x, p.y, p.z, static_cast<double>(i)}});
+    entries_.push_back({Lanes{p.x, p.y, p.z, static_cast<double>(i)}});
     if (i < own) own_box_.include(p);
   }
   split(0, static_cast<std::uint32_t>(entries_.size()), domain, {true, none});
@@ -36,21 +42,22 @@ void PointLeaves::add_leaf(const Box& cell, const Origin& origin, bool has_point
 // Cuts `cell`, which has these entries.
 void PointLeaves::split(std::uint32_t begin, std::uint32_t end, Box cell, Origin origin) {
   Entry low = entries_[begin], high = low;
-  std::uint32_t first = low.point();
   for (std::uint32_t i = begin + 1; i < end; ++i) {
-    const Entry::Lanes& lanes = entries_[i].lanes;
-    low.lanes = lanes < low.lanes ? lanes : low.lanes;
-    high.lanes = lanes > high.lanes ? lanes : high.lanes;
-    first = std::min(first, entries_[i].point());
+    const Lanes& entry = entries_[i].lanes;
+    low.lanes = entry < low.lanes ? entry : low.lanes;
+    high.lanes = entry > high.lanes ? entry : high.lanes;
   }
   const Box box{low.position(), high.position()};
   const std::size_t number = nodes_.size();
-  nodes_.push_back({box, begin, end, 0});
+  const std::uint32_t first = low.point();
+  low.lanes[3] = begin, high.lanes[3] = 0;
+  nodes_.push_back({low.lanes, high.lanes});
   // Every location of the cell is nearer to its entries.
   if (first >= own_ && squared_distance(box, own_box_) > squared_length(cell.extent())) origin.wanted = false;
   if (end - begin <= leaf_points || box.low == box.high) {
-    nodes_[number].end = keep_distinct(begin, end, box);
-    for (std::uint32_t i = begin; i < nodes_[number].end; ++i) kept_[entries_[i].point()] = 1;
+    const std::uint32_t kept = keep_distinct(begin, end, box);
+    nodes_[number].high[3] = kept;
+    for (std::uint32_t i = begin; i < kept; ++i) kept_[entries_[i].point()] = 1;
     return add_leaf(cell, origin, true);
   }
   if (origin.block == none && end - begin <= block_points) {
@@ -65,7 +72,7 @@ void PointLeaves::split(std::uint32_t begin, std::uint32_t end, Box cell, Origin
   Box lower = cell, upper = cell;
   lower.high[cut.axis] = upper.low[cut.axis] = cut.at;
   split(begin, half, lower, origin);
-  nodes_[number].upper = static_cast<std::uint32_t>(nodes_.size());
+  nodes_[number].low[3] = static_cast<double>(nodes_.size());
   split(half, end, upper, origin);
 }
 
@@ -127,43 +134,55 @@ std::uint32_t PointLeaves::keep_distinct(std::uint32_t begin, std::uint32_t end,
 }
 
 const PointLeaves::Entry* PointLeaves::nearest(const dvec3& from, double distance, std::uint32_t but) const {
-  Search search{from, but, distance * distance, nullptr};
+  Search search{Lanes{from.x, from.y, from.z}, but, distance * distance, nullptr};
   this->search(0, search);
   return search.best;
 }
 
 void PointLeaves::search(std::uint32_t number, Search& search) const {
   const Node& node = nodes_[number];
-  if (node.upper == 0) {
-    for (std::uint32_t i = node.begin; i < node.end; ++i) {
-      const double square = squared_length(entries_[i].position() - search.from);
+  if (node.is_leaf()) {
+    for (std::uint32_t i = node.begin(); i < node.end(); ++i) {
+      const double square = squared_length(entries_[i].lanes - search.from);
       if (square < search.square && entries_[i].point() != search.but)
         search.square = square, search.best = &entries_[i];
     }
     return;
   }
-  std::uint32_t near = number + 1, far = node.upper;
-  double to_near = squared_distance(nodes_[near].box, search.from),
-         to_far = squared_distance(nodes_[far].box, search.from);
+  const auto square_to = [&](const Node& child) {
+    const Lanes below = child.low - search.from, above = search.from - child.high;
+    const Lanes outside = below > above ? below : above;
+    return squared_length(outside > 0 ? outside : Lanes{});
+  };
+  std::uint32_t near = number + 1, far = node.upper();
+  double to_near = square_to(nodes_[near]), to_far = square_to(nodes_[far]);
   if (to_far < to_near) std::swap(near, far), std::swap(to_near, to_far);
   if (to_near < search.square) this->search(near, search);
   if (to_far < search.square) this->search(far, search);
 }
 
-void PointLeaves::find(const Box& box, std::vector<Entry>& found) const { find(0, box, found); }
+void PointLeaves::find(const Box& box, std::vector<Entry>& found) const {
+  constexpr double most = std::numeric_limits<double>::max();
+  find(0, {Lanes{box.low.x, box.low.y, box.low.z, -most}}, {Lanes{box.high.x, box.high.y, box.high.z, most}}, found);
+}
 
-void PointLeaves::find(std::uint32_t number, const Box& box, std::vector<Entry>& found) const {
-  const auto is_outside = [&](const dvec3& low, const dvec3& high) {
-    return glm::any(glm::lessThan(high, box.low)) || glm::any(glm::greaterThan(low, box.high));
+void PointLeaves::find(std::uint32_t number, const Entry& low, const Entry& high, std::vector<Entry>& found) const {
+  const auto is_outside = [&](const Lanes& least, const Lanes& largest) {
+    return any((largest < low.lanes) | (least > high.lanes));
   };
   const Node& node = nodes_[number];
-  if (is_outside(node.box.low, node.box.high)) return;
-  if (node.upper != 0) {
-    find(number + 1, box, found);
-    return find(node.upper, box, found);
+  if (is_outside(node.low, node.high)) return;
+  if (!node.is_leaf()) {
+    find(number + 1, low, high, found);
+    return find(node.upper(), low, high, found);
   }
-  for (std::uint32_t i = node.begin; i < node.end; ++i)
-    if (!is_outside(entries_[i].position(), entries_[i].position())) found.push_back(entries_[i]);
+  std::size_t kept = found.size();
+  found.resize(kept + node.end() - node.begin());
+  for (std::uint32_t i = node.begin(); i < node.end(); ++i) {
+    found[kept] = entries_[i];
+    kept += is_outside(entries_[i].lanes, entries_[i].lanes) ? 0 : 1;
+  }
+  found.resize(kept);
 }
 
 }  // namespace splatvol

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/math.h"
+#include "builder/mesh/lanes.h"
 
 namespace splatvol {
 
@@ -17,7 +18,6 @@ class PointLeaves {
  public:
   /// A distinct point, as one vector, compared and moved as a whole.
   struct Entry {
-    using Lanes [[gnu::vector_size(4 * sizeof(double))]] = double;
     Lanes lanes;  // the position; then the point's index
 
     double operator[](int axis) const { return lanes[axis]; }
@@ -52,11 +52,15 @@ class PointLeaves {
   void find(const Box& box, std::vector<Entry>& found) const;
 
  private:
-  // A node of the tree of entries. Its lower child follows it.
+  // A node of the tree of entries: a cache line. Its lower child follows it.
   struct Node {
-    Box box;  // round its entries
-    std::uint32_t begin, end;
-    std::uint32_t upper = 0;  // its upper child; 0: the entries of one leaf
+    // Of its entries. Then, of a leaf, where its entries begin and end; else its upper child, and 0.
+    Lanes low, high;
+
+    [[nodiscard]] bool is_leaf() const { return high[3] != 0; }
+    [[nodiscard]] std::uint32_t begin() const { return static_cast<std::uint32_t>(low[3]); }
+    [[nodiscard]] std::uint32_t end() const { return static_cast<std::uint32_t>(high[3]); }
+    [[nodiscard]] std::uint32_t upper() const { return begin(); }
   };
   // Where leaves come from.
   struct Origin {
@@ -74,13 +78,13 @@ class PointLeaves {
   void add_leaf(const Box& cell, const Origin& origin, bool has_points = false);
   std::uint32_t keep_distinct(std::uint32_t begin, std::uint32_t end, const Box& box);
   struct Search {
-    dvec3 from;
+    Lanes from;
     std::uint32_t but;
     double square;  // of the distance of the best one
     const Entry* best;
   };
   void search(std::uint32_t number, Search& search) const;
-  void find(std::uint32_t number, const Box& box, std::vector<Entry>& found) const;
+  void find(std::uint32_t number, const Entry& low, const Entry& high, std::vector<Entry>& found) const;
 
   std::uint32_t own_ = 0;
   Box own_box_;

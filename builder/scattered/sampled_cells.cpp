@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <iterator>
 #include <limits>
+#include <utility>
 
 #include "builder/scattered/trimming.h"
 
@@ -25,15 +27,17 @@ constexpr double same_void = 0.9;
 }  // namespace
 
 void SampledCells::Found::add(std::uint32_t point) {
-  if (count == most || std::find(points.begin(), points.begin() + count, point) != points.begin() + count) return;
-  points[count++] = point;
+  std::uint32_t known = count == most ? 1U : 0U;
+  for (std::uint32_t i = 0; i < most; ++i) known |= points[i] == point ? 1U : 0U;
+  if (known == 0) points[count++] = point;
 }
 
 void SampledCells::find(std::span<const dvec3> positions, std::size_t own, std::size_t coincident) {
   set_positions(positions, own, coincident);
   const std::size_t count = own_ - coincident_;
-  found_.resize(count);
-  for (Found& found : found_) found.count = 0;
+  Found none;
+  none.points.fill(PointLeaves::none);
+  found_.assign(count, none);
   cells_.assign(count, {});
   neighbours_.clear();
   if (count == 0) return;
@@ -67,23 +71,29 @@ void SampledCells::set_positions(std::span<const dvec3> positions, std::size_t o
 
 void SampledCells::sample(const PointLeaves::Leaf& leaf, std::uint32_t seed) {
   if (!samples_.find(leaves_, leaf, static_cast<std::uint32_t>(found_.size()), seed)) return;
+  constexpr std::size_t steps[] = {1, LeafSamples::side, LeafSamples::side * LeafSamples::side};
+  std::array<Pair, (1 + std::size(steps)) * LeafSamples::count> pairs;
+  std::size_t count = 0;
+  const auto add = [&](std::uint32_t a, std::uint32_t b) {
+    // The same pair comes again and again.
+    const Pair pair = Pair{std::min(a, b)} << 32 | std::max(a, b);
+    Pair& known = known_pairs_[(pair * 0x9e3779b97f4a7c15U) >> 54];
+    pairs[count] = pair;
+    count += known == pair ? 0 : 1;
+    known = pair;
+  };
   for (std::size_t s = 0; s < LeafSamples::count; ++s) {
     const std::uint32_t nearest = samples_.nearest(s), second = samples_.second(s);
-    if (second != PointLeaves::none) add_neighbours(nearest, second);
-    for (const std::size_t step : {1, LeafSamples::side, LeafSamples::side * LeafSamples::side})
-      if (s / step % LeafSamples::side > 0) add_neighbours(nearest, samples_.nearest(s - step));
+    if (second != PointLeaves::none) add(nearest, second);
+    for (const std::size_t step : steps)
+      if (s / step % LeafSamples::side > 0) add(nearest, samples_.nearest(s - step));
   }
-}
-
-void SampledCells::add_neighbours(std::uint32_t a, std::uint32_t b) {
-  if (a == b) return;
-  // The same pair comes again and again.
-  const std::uint64_t pair = std::uint64_t{std::min(a, b)} << 32 | std::max(a, b);
-  std::uint64_t& known = known_pairs_[(pair * 0x9e3779b97f4a7c15U) >> 54];
-  if (known == pair) return;
-  known = pair;
-  if (a < found_.size()) found_[a].add(b);
-  if (b < found_.size()) found_[b].add(a);
+  for (const Pair pair : std::span(pairs).first(count)) {
+    const auto a = static_cast<std::uint32_t>(pair >> 32), b = static_cast<std::uint32_t>(pair);
+    if (a == b) continue;
+    if (a < found_.size()) found_[a].add(b);
+    if (b < found_.size()) found_[b].add(a);
+  }
 }
 
 void SampledCells::make_first_cell(std::uint32_t point) {
@@ -91,9 +101,12 @@ void SampledCells::make_first_cell(std::uint32_t point) {
   if (const auto* nearest = found.count > 0 ? nullptr : leaves_.nearest(positions_[point], infinity, point))
     found.add(nearest->point());
   // Near neighbours first: then few vertices are made in vain.
-  std::sort(found.points.begin(), found.points.begin() + found.count, [&](std::uint32_t a, std::uint32_t b) {
-    return squared_length(positions_[a] - positions_[point]) < squared_length(positions_[b] - positions_[point]);
-  });
+  std::array<std::pair<double, std::uint32_t>, Found::most> sorted;
+  for (std::uint32_t i = 0; i < found.count; ++i)
+    sorted[i] = {squared_length(positions_[found.points[i]] - positions_[point]), found.points[i]};
+  std::sort(sorted.begin(), sorted.begin() + found.count,
+            [](const auto& a, const auto& b) { return a.first < b.first; });
+  for (std::uint32_t i = 0; i < found.count; ++i) found.points[i] = sorted[i].second;
   make_cell(positions_, point, std::span(found.points).first(found.count), domain_, polyhedron_);
   Cell& cell = cells_[point];
   cell.radius = bound_vertices(point);

@@ -37,6 +37,7 @@ class SampledCells {
   [[nodiscard]] dvec3 gradient(std::size_t point, std::span<const double> values) const;
 
  private:
+  using Pair = std::uint64_t;  // two points: the smaller one in the upper half
   // Neighbours by samples.
   struct Found {
     static constexpr std::uint32_t most = 24;
@@ -54,7 +55,6 @@ class SampledCells {
 
   void set_positions(std::span<const dvec3> positions, std::size_t own, std::size_t coincident);
   void sample(const PointLeaves::Leaf& leaf, std::uint32_t seed);
-  void add_neighbours(std::uint32_t a, std::uint32_t b);
   void make_first_cell(std::uint32_t point);
   double bound_vertices(std::uint32_t point);
   [[nodiscard]] bool is_in_void(const dvec3& vertex) const;
@@ -72,8 +72,8 @@ class SampledCells {
   Box domain_;
   PointLeaves leaves_;
   LeafSamples samples_;
-  std::array<std::uint64_t, 1024> known_pairs_;  // of the last neighbours; 0: none
-  std::vector<Found> found_;                     // [point], without the coincident ones, as below
+  std::array<Pair, 1024> known_pairs_;  // the last ones; 0: none
+  std::vector<Found> found_;            // [point], without the coincident ones, as below
   std::vector<Cell> cells_;
   std::vector<std::uint32_t> neighbours_;
   std::vector<double> usual_;  // [position]: that of a cell and its neighbours; 0: not known

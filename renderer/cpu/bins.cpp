@@ -1,9 +1,9 @@
 #include "renderer/cpu/bins.h"
 
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <utility>
+
+#include "base/parallel.h"
 
 namespace splatvol::tiles {
 namespace {
@@ -40,7 +40,7 @@ void Bins::fill(const TileGrid& grid, std::span<const PixelBounds> bounds, std::
       });
   };
   counts_.assign(slices * tiles, 0);
-  tbb::parallel_for(std::size_t{0}, slices, [&](std::size_t slice) {
+  parallel_for(std::size_t{0}, slices, [&](std::size_t slice) {
     std::uint32_t* counts = counts_.data() + slice * tiles;
     for_each_slot(slice, [&](std::size_t, std::size_t tile) { ++counts[tile]; });
   });
@@ -55,7 +55,7 @@ void Bins::fill(const TileGrid& grid, std::span<const PixelBounds> bounds, std::
   begins_[tiles] = total;
 
   if (slots_.size() < total) slots_.resize(total);
-  tbb::parallel_for(std::size_t{0}, slices, [&](std::size_t slice) {
+  parallel_for(std::size_t{0}, slices, [&](std::size_t slice) {
     std::uint32_t* next = counts_.data() + slice * tiles;
     for_each_slot(slice,
                   [&](std::size_t i, std::size_t tile) { slots_[next[tile]++] = static_cast<std::uint32_t>(i); });

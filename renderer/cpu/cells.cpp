@@ -1,9 +1,5 @@
 #include "renderer/cpu/cells.h"
 
-#include <oneapi/tbb/enumerable_thread_specific.h>
-#include <oneapi/tbb/parallel_for.h>
-#include <oneapi/tbb/task_arena.h>
-
 #include <algorithm>
 #include <atomic>
 #include <bit>
@@ -14,6 +10,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "base/parallel.h"
 #include "renderer/common.h"
 #include "renderer/cpu/cell_frame.h"
 #include "renderer/cpu/samples.h"
@@ -196,8 +193,8 @@ std::int64_t pixels_of(const PixelRectangle& area) {
 struct tiles::CellWorkspace {
   std::vector<Tile> tiles;             // of a sweep
   std::vector<CellsOnScreen> screens;  // of a batch
-  tbb::enumerable_thread_specific<SetupScratch> scratches;
-  tbb::enumerable_thread_specific<TileScratch> tile_scratches;
+  ThreadValues<SetupScratch> scratches;
+  ThreadValues<TileScratch> tile_scratches;
 };
 
 namespace {
@@ -296,7 +293,7 @@ class CellSweep {
   // Visits all tiles of the area, in parallel.
   template <class Visit>
   void for_each_tile(const Visit& visit) {
-    tbb::parallel_for(std::size_t{0}, workspace_.tiles.size(), [&](std::size_t i) {
+    parallel_for(std::size_t{0}, workspace_.tiles.size(), [&](std::size_t i) {
       visit(tiles_.x0 + static_cast<int>(i) % across(), tiles_.y0 + static_cast<int>(i) / across(),
             workspace_.tiles[i]);
     });
@@ -590,7 +587,7 @@ Status CellSweep::read_chunks(std::size_t begin, std::size_t end) {
   const std::stop_token stop = stop_of_thread();
   std::mutex mutex;
   Status status;
-  tbb::parallel_for(begin, end, [&](std::size_t i) {
+  parallel_for(begin, end, [&](std::size_t i) {
     const Interruptible heeds_stop(stop);
     if (is_interrupted()) return;
     Status read_one = read(chunks_[batch_.chunks[i]], workspace_.screens[i]);
@@ -765,8 +762,7 @@ void CellSweep::draw_tile(int column, int row, Tile& tile) {
   if (tile.is_open) {
     TileScratch& scratch = workspace_.tile_scratches.local();
     TileSegments& segments = scratch.segments;
-    segments.most_bytes =
-        std::max(drawing_.memory / 4 / static_cast<unsigned>(tbb::this_task_arena::max_concurrency()), least_room);
+    segments.most_bytes = std::max(drawing_.memory / 4 / parallel_threads(), least_room);
     segments.begin(tile.area, frame_.has_shades());
     if (!tile.counts.empty()) restore_waiting(tile, segments);
     if (!slices_.empty()) begin_slices(tile.area, scratch);

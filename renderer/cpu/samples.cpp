@@ -1,7 +1,5 @@
 #include "renderer/cpu/samples.h"
 
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,6 +10,7 @@
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/samples.cpp"
+#include "base/parallel.h"
 #include "renderer/cpu/targets.h"
 // The order matters: this includes the file again, once for each instruction set.
 #include <hwy/foreach_target.h>
@@ -175,11 +174,11 @@ void interpolate(const Image& samples, int spacing, Image& rows, Image& picture,
   rows.pixels.resize(static_cast<std::size_t>(rows.width) * static_cast<std::size_t>(rows.height));
   // Pictures begin with the upper row, samples count from the lower left corner: the middle is common to both.
   const SampledAxis across = axis_of(picture.width, samples.width, spacing, shift.left);
-  tbb::parallel_for(0, samples.height, [&](int y) {
+  parallel_for(0, samples.height, [&](int y) {
     HWY_DYNAMIC_DISPATCH(fill_along_row)(&samples.at(0, y), across, &rows.at(0, y));
   });
   const SampledAxis up = axis_of(picture.height, samples.height, spacing, shift.up);
-  tbb::parallel_for(std::size_t{0}, up.gaps.size(), [&](std::size_t i) {
+  parallel_for(std::size_t{0}, up.gaps.size(), [&](std::size_t i) {
     const SampledAxis::Gap& gap = up.gaps[i];
     const auto at = [&](std::size_t k) { return &std::as_const(rows).at(0, gap.samples[k]); };
     HWY_DYNAMIC_DISPATCH(fill_rows)

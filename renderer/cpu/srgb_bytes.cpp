@@ -1,15 +1,13 @@
 // A channel of a pixel in each lane.
 #include "renderer/cpu/srgb_bytes.h"
 
-#include <oneapi/tbb/blocked_range.h>
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
 #include <cstddef>
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "renderer/cpu/srgb_bytes.cpp"
+#include "base/parallel.h"
 #include "renderer/cpu/targets.h"
 // The order matters: this includes the file again, once for each instruction set.
 #include <hwy/foreach_target.h>
@@ -70,12 +68,10 @@ void encode_srgb(const Image& image, dvec3 background, std::vector<std::uint8_t>
   bytes.resize(4 * image.pixels.size());
   const std::array<float, 4> behind{static_cast<float>(background.r), static_cast<float>(background.g),
                                     static_cast<float>(background.b), 1.0F};
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, image.pixels.size(), pixels_per_task),
-                    [&](const tbb::blocked_range<std::size_t>& range) {
-                      using namespace tiles;
-                      HWY_DYNAMIC_DISPATCH(encode)
-                      (&image.pixels[range.begin()].x, range.size(), behind, &bytes[4 * range.begin()]);
-                    });
+  parallel_for_ranges(0, image.pixels.size(), pixels_per_task, [&](std::size_t first, std::size_t last) {
+    using namespace tiles;
+    HWY_DYNAMIC_DISPATCH(encode)(&image.pixels[first].x, last - first, behind, &bytes[4 * first]);
+  });
 }
 
 }  // namespace splatvol

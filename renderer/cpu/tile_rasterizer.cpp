@@ -1,8 +1,6 @@
 #include "renderer/cpu/tile_rasterizer.h"
 
 #include <fmt/format.h>
-#include <oneapi/tbb/enumerable_thread_specific.h>
-#include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
@@ -10,6 +8,7 @@
 #include <utility>
 
 #include "base/interruption.h"
+#include "base/parallel.h"
 #include "renderer/common.h"
 #include "renderer/cpu/moments_kernel.h"
 #include "renderer/cpu/octant_kernel.h"
@@ -275,7 +274,7 @@ std::span<const std::uint32_t> TileRasterizer::sort_keys(KeySorter& sorter, Sort
   keys_.resize(list_.splats);
   const SplatNumbers numbers{ranges_, first_ranges_};
   const std::size_t tasks = (list_.splats + splats_per_task - 1) / splats_per_task;
-  tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t task) {
+  parallel_for(std::size_t{0}, tasks, [&](std::size_t task) {
     const std::size_t begin = task * splats_per_task, end = std::min(begin + splats_per_task, keys_.size());
     compute(frame_, numbers, static_cast<std::uint32_t>(begin), kind, std::span(keys_).subspan(begin, end - begin));
   });
@@ -315,7 +314,7 @@ double TileRasterizer::draw_batch(const Sequence& sequence, std::size_t first, I
 void TileRasterizer::project_batch(const Sequence& sequence, std::size_t first, std::size_t count) {
   const SplatNumbers numbers{ranges_, first_ranges_};
   const auto project = kernel_ == KernelKind::moments ? project_moments : project_octant;
-  tbb::parallel_for(std::size_t{0}, (count + splats_per_task - 1) / splats_per_task, [&](std::size_t task) {
+  parallel_for(std::size_t{0}, (count + splats_per_task - 1) / splats_per_task, [&](std::size_t task) {
     const std::size_t begin = task * splats_per_task, end = std::min(begin + splats_per_task, count);
     for (std::size_t i = begin; i < end; ++i) numbers_[i] = sequence[first + i];
     project(frame_, numbers, std::span(numbers_).subspan(begin, end - begin), screen().from(begin));
@@ -324,13 +323,9 @@ void TileRasterizer::project_batch(const Sequence& sequence, std::size_t first, 
 
 void TileRasterizer::draw_tiles(std::size_t slots, Image& target) {
   bins_.fill(grid_, std::span(bounds_).first(slots), closed_);
-  tbb::parallel_for(
-      tbb::blocked_range<std::size_t>(0, grid_.size(), 1),
-      [&](const tbb::blocked_range<std::size_t>& range) {
-        for (std::size_t tile = range.begin(); tile < range.end(); ++tile)
-          if (!bins_.slots(tile).empty()) draw_tile(tile, target);
-      },
-      tbb::simple_partitioner());
+  parallel_for_ranges(0, grid_.size(), 1, [&](std::size_t tile, std::size_t /*last*/) {
+    if (!bins_.slots(tile).empty()) draw_tile(tile, target);
+  });
 }
 
 void TileRasterizer::draw_tile(std::size_t tile, Image& target) {

@@ -1,10 +1,9 @@
 #include "renderer/cpu/wide_samples.h"
 
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cstddef>
 
+#include "base/parallel.h"
 #include "renderer/cpu/samples.h"
 #include "renderer/sampled_view.h"
 
@@ -41,7 +40,7 @@ void extend(int count, const At& at) {
 Image samples_of(const Image& exact, const SampledPixels& across, const SampledPixels& down, int spacing) {
   Image samples{across.count, down.count, {}};
   samples.pixels.resize(static_cast<std::size_t>(samples.width) * static_cast<std::size_t>(samples.height));
-  tbb::parallel_for(1, down.count - 1, [&](int y) {
+  parallel_for(1, down.count - 1, [&](int y) {
     for (int x = 1; x < across.count - 1; ++x)
       samples.at(x, y) = exact.at(across.first + x * spacing, down.first + y * spacing);
     extend(across.count, [&](int x) -> vec4& { return samples.at(x, y); });
@@ -67,7 +66,7 @@ Image with_wide_samples(const Image& exact, int spacing, float refined_differenc
   tiles::interpolate(samples, spacing, rows, memory, shift);
   if (refined_difference <= 0) return memory;
   const tiles::DifferingBlocks blocks(samples, spacing, shift, exact.width, exact.height, refined_difference);
-  tbb::parallel_for(0, exact.height, [&](int y) {
+  parallel_for(0, exact.height, [&](int y) {
     for (int x = 0; x < exact.width; ++x)
       if (blocks.has(x, y)) memory.at(x, y) = exact.at(x, y);
   });

@@ -1,7 +1,5 @@
 #include "renderer/gl/gl_rasterizer.h"
 
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
 #include <bit>

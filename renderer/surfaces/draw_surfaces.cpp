@@ -1,8 +1,5 @@
 #include "renderer/surfaces/draw_surfaces.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,6 +7,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "base/parallel.h"
 #include "scene/clipped_depths.h"
 #include "scene/tile_grid.h"
 
@@ -148,8 +146,7 @@ class SurfaceDrawing {
       if (!surface.is_visible()) continue;
       const std::vector<dvec3>& points = surface.mesh->points;
       ViewedSurface& viewed = surfaces_.emplace_back(&surface, first, std::vector<dvec3>(points.size()));
-      tbb::parallel_for(std::size_t{0}, points.size(),
-                        [&](std::size_t i) { viewed.points[i] = view.to_view(points[i]); });
+      parallel_for(std::size_t{0}, points.size(), [&](std::size_t i) { viewed.points[i] = view.to_view(points[i]); });
       first += surface.mesh->triangles.size();
     }
     first_slice_ = first;
@@ -253,8 +250,8 @@ void SurfaceDrawing::visit_hits(const ViewedSurface& surface, bool opaque, const
   std::vector<std::uint32_t> starts, entries, next;
   for (std::size_t first = 0; first < triangles; first += block_triangles) {
     bounds.resize(std::min(block_triangles, triangles - first));
-    tbb::parallel_for(std::size_t{0}, bounds.size(),
-                      [&](std::size_t i) { bounds[i] = bounds_of(surface.corners(first + i)); });
+    parallel_for(std::size_t{0}, bounds.size(),
+                 [&](std::size_t i) { bounds[i] = bounds_of(surface.corners(first + i)); });
     for (std::size_t begin = 0, end = 0; begin < bounds.size(); begin = end) {
       starts.assign(tiles_.count() + 1, 0);
       std::size_t count = 0;
@@ -265,7 +262,7 @@ void SurfaceDrawing::visit_hits(const ViewedSurface& surface, bool opaque, const
       next.assign(starts.begin(), starts.end() - 1);
       for (std::size_t i = begin; i < end; ++i)
         tiles_.visit_tiles(bounds[i], [&](std::size_t tile) { entries[next[tile]++] = static_cast<std::uint32_t>(i); });
-      tbb::parallel_for(std::size_t{0}, tiles_.count(), [&](std::size_t tile) {
+      parallel_for(std::size_t{0}, tiles_.count(), [&](std::size_t tile) {
         if (starts[tile] == starts[tile + 1]) return;
         visit_tile(surface, opaque, first, std::span(entries).subspan(starts[tile], starts[tile + 1] - starts[tile]),
                    bounds, tiles_.tile(tile), visit);
@@ -279,7 +276,7 @@ template <class Visit>
 void SurfaceDrawing::visit_slices(bool opaque, const Visit& visit) const {
   for (std::size_t k = 0; k < slices_.size(); ++k) {
     const SlicePicture& slice = slices_[k];
-    tbb::parallel_for(std::size_t{0}, pixels(), [&](std::size_t i) {
+    parallel_for(std::size_t{0}, pixels(), [&](std::size_t i) {
       const float alpha = slice.light.pixels[i].a;
       if (slice.depths[i] < infinity && alpha > 0 && (alpha >= 1) == opaque)
         visit(i, Hit{slice.depths[i], first_slice_ + k});
@@ -343,7 +340,7 @@ vec4 SurfaceDrawing::shade(const Hit& hit, int x, int y) const {
 SurfaceLayer SurfaceDrawing::layer_of(const std::vector<Hit>& hits, const std::vector<Hit>& opaque) const {
   SurfaceLayer layer{{view_.width, view_.height, std::vector<float>(pixels())},
                      {view_.width, view_.height, std::vector<vec4>(pixels())}};
-  tbb::parallel_for(0, view_.height, [&](int y) {
+  parallel_for(0, view_.height, [&](int y) {
     for (int x = 0; x < view_.width; ++x) {
       const std::size_t i = pixel(x, y);
       const Hit& hit = !hits.empty() && hits[i].is_one() ? hits[i] : opaque[i];
@@ -358,7 +355,7 @@ SurfaceLayer SurfaceDrawing::layer_of(const std::vector<Hit>& hits, const std::v
 void SurfaceDrawing::join(SurfaceLayer& layer, const std::vector<Hit>& hits, const std::vector<Hit>& opaque) const {
   for (auto more = next_translucent(opaque, hits); std::ranges::any_of(more, &Hit::is_one);
        more = next_translucent(opaque, more)) {
-    tbb::parallel_for(0, view_.height, [&](int y) {
+    parallel_for(0, view_.height, [&](int y) {
       for (int x = 0; x < view_.width; ++x) {
         const std::size_t i = pixel(x, y);
         vec4& light = layer.light.pixels[i];
@@ -396,7 +393,7 @@ SurfaceLayers SurfaceDrawing::draw(std::size_t most_layers) {
 std::vector<double> slice_depths(const View& view, const Plane& plane) {
   std::vector<double> depths(static_cast<std::size_t>(view.width) * view.height, infinity);
   const PlaneDepths on_rays(view, plane);
-  tbb::parallel_for(0, view.height, [&](int row) {
+  parallel_for(0, view.height, [&](int row) {
     const double b = (0.5 * view.height - row - 0.5) / view.focal;
     for (int x = 0; x < view.width; ++x)
       depths[static_cast<std::size_t>(row) * view.width + x] = on_rays.at((x + 0.5 - 0.5 * view.width) / view.focal, b);
@@ -407,7 +404,7 @@ std::vector<double> slice_depths(const View& view, const Plane& plane) {
 SlicePicture color_slice(const View& view, const Slice& slice, std::vector<double> depths,
                          std::span<const double> values, const TransferFunction& function) {
   SlicePicture picture{std::move(depths), {view.width, view.height, std::vector<vec4>(values.size(), vec4(0))}};
-  tbb::parallel_for(std::size_t{0}, values.size(), [&](std::size_t i) {
+  parallel_for(std::size_t{0}, values.size(), [&](std::size_t i) {
     if (!std::isfinite(values[i]))
       picture.depths[i] = infinity;
     else if (picture.depths[i] < infinity)
@@ -427,7 +424,7 @@ void SurfaceComposite::add(const Image& volume, const SurfaceLayer& layer) {
     light_ = {volume.width, volume.height, std::vector<vec4>(volume.pixels.size(), vec4(0, 0, 0, 1))};
     volume_ = {volume.width, volume.height, std::vector<vec4>(volume.pixels.size(), vec4(0))};
   }
-  tbb::parallel_for(std::size_t{0}, volume.pixels.size(), [&](std::size_t i) {
+  parallel_for(std::size_t{0}, volume.pixels.size(), [&](std::size_t i) {
     vec4& light = light_.pixels[i];
     const vec4 &front = volume.pixels[i], &surface = layer.light.pixels[i];
     const vec3 between = vec3(front) - vec3(volume_.pixels[i]);

@@ -95,6 +95,10 @@ std::vector<std::size_t> thinned(std::span<const dvec3> positions, std::span<con
   return rows;
 }
 
+std::size_t tube_points(std::span<const dvec3> positions, std::span<const std::size_t> rows) {
+  return sides * rings_of(positions, rows).size();
+}
+
 Status add_tube(std::span<const dvec3> positions, std::span<const double> values, std::span<const std::size_t> rows,
                 double radius, TubeMesh& tubes) {
   std::vector<dvec3>& points = tubes.mesh.points;

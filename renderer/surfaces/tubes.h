@@ -22,6 +22,9 @@ struct TubeMesh {
 [[nodiscard]] std::vector<std::size_t> thinned(std::span<const dvec3> positions, std::span<const double> values,
                                                double distance, double difference);
 
+/// Returns how many points the tube round some rows of a line has. Twice as many triangles are more than it has.
+[[nodiscard]] std::size_t tube_points(std::span<const dvec3> positions, std::span<const std::size_t> rows);
+
 /// Adds a closed tube round some rows of a line. Fails without room: a mesh has fewer than 2^32 points.
 [[nodiscard]] Status add_tube(std::span<const dvec3> positions, std::span<const double> values,
                               std::span<const std::size_t> rows, double radius, TubeMesh& tubes);

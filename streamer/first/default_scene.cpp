@@ -1,7 +1,5 @@
 #include "streamer/first/default_scene.h"
 
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -10,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/parallel.h"
 #include "format/mesh_box.h"
 #include "pictures/contrast.h"
 #include "streamer/first/first_attribute.h"
@@ -237,8 +236,8 @@ Result<Framing> choose_framing(const format::Volume& volume, int first, const st
   SPLATVOL_TRY_ASSIGN(shapes, survey_shapes(volume, enough_of_others));
   const Box core = box_of(framing.core);
   std::vector<Result<std::vector<SurveySplat>>> found(others.size());
-  tbb::parallel_for(std::size_t{0}, others.size(),
-                    [&](std::size_t i) { found[i] = features_of(volume, others[i], shapes, framing.ball, core); });
+  parallel_for(std::size_t{0}, others.size(),
+               [&](std::size_t i) { found[i] = features_of(volume, others[i], shapes, framing.ball, core); });
   for (const auto& near : found) {
     if (!near) return tl::unexpected(near.error());
     framing.others.insert(framing.others.end(), near->begin(), near->end());

@@ -1,8 +1,5 @@
 #include "streamer/first/first_transfer.h"
 
-#include <oneapi/tbb/blocked_range.h>
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,6 +10,7 @@
 #include <span>
 #include <utility>
 
+#include "base/parallel.h"
 #include "pictures/contrast.h"
 #include "scene/color_maps.h"
 #include "scene/transfer_edits.h"
@@ -473,8 +471,8 @@ PictureRays::PictureRays(const std::vector<SurveySplat>& splats, const TransferF
   ellipsoids = ellipsoids_of(splats, function, *view);
   rays = choose_rays(ellipsoids, *view);
   constexpr std::size_t at_once = 64;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, rays.size(), at_once), [&](const auto& range) {
-    visit_hits(ellipsoids, std::span(rays).subspan(range.begin(), range.size()),
+  parallel_for_ranges(0, rays.size(), at_once, [&](std::size_t begin, std::size_t end) {
+    visit_hits(ellipsoids, std::span(rays).subspan(begin, end - begin),
                [&](Ray& ray, std::size_t number, double depth) {
                  ray.depth += depth;
                  const double along = glm::dot(ellipsoids[number].center - ray.eye, ray.direction);

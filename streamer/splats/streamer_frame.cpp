@@ -1,11 +1,10 @@
 // From a cut to a frame: its rows, its draw list, and the rows that a clip region cuts.
 #include "streamer/splats/streamer_frame.h"
 
-#include <tbb/parallel_for.h>
-
 #include <cmath>
 #include <utility>
 
+#include "base/parallel.h"
 #include "streamer/store/row_bytes.h"
 
 namespace splatvol {
@@ -83,7 +82,7 @@ void Streamer::clip_ranges(Frame& frame, std::map<RangeName, ClippedRange> befor
     clipped[i] = &frame.clipped[name];
   }
   before.clear();
-  tbb::parallel_for(std::size_t{0}, unknown.size(), [&](std::size_t k) {
+  parallel_for(std::size_t{0}, unknown.size(), [&](std::size_t k) {
     const DrawRange& range = whole[unknown[k]];
     *clipped[unknown[k]] = clip(range, clip_, units().length);
   });

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "player/scene_streamlines.h"
+#include "player/scene_surfaces.h"
 #include "tests/player/moving_cube.h"
 #include "tests/player/session_fixture.h"
 
@@ -74,22 +75,54 @@ TEST_F(Streamlines, LinesStayWhileTheyAreTheSame) {
   const auto read = [&](const SceneStreamlines& of, std::span<const SceneTubes> before) {
     return value_of(read_scene_streamlines(std::vector{of}, file, before));
   };
-  const auto first = read(some(), {});
+  auto first = read(some(), {});
   EXPECT_EQ(first[0].seeds, 3U);
   EXPECT_EQ(first[0].lines->size(), 3U);
   SceneStreamlines other = some();
   other.radius = 0.01;
-  const auto thinner = read(other, first);
+  auto thinner = read(other, first);
   EXPECT_EQ(thinner[0].lines, first[0].lines);
   EXPECT_NE(thinner[0].surface.mesh->points, first[0].surface.mesh->points);
+  first.clear();
   other.seeds = std::vector{dvec3(0.1, 0.1, 0.1), dvec3(2)};
   const auto moved = read(other, thinner);
   EXPECT_EQ(moved[0].lines->size(), 1U);
-  EXPECT_EQ(moved[0].field, first[0].field) << "its chunks stay";
+  EXPECT_EQ(moved[0].field, thinner[0].field) << "its chunks stay";
+  thinner.clear();
   int calls = 0;
   const auto told = value_of(read_scene_streamlines(
       std::vector{some()}, file, {}, [&](const auto& tubes) { calls += tubes[0].lines->empty() ? 0 : 1; }));
   EXPECT_GE(calls, 1) << "the first line comes at once";
+}
+
+TEST_F(Streamlines, HaveTheirMemory) {
+  const auto player = value_of(Player::open(
+      path("v.svol"), scene(), {.memory = std::uint64_t{8} << 20, .device = Device::cpu, .takes_tubes = true}));
+  const StreamlineFile file = player->streamline_file();
+  const MemoryShare& share = file.memory->streamlines;
+  SceneStreamlines one = some();
+  const auto count = [&](std::size_t lines) { std::get<SeedLine>(one.seeds).count = lines; };
+  count(20);
+  auto few = value_of(read_scene_streamlines(std::vector{one}, file, {}));
+  {
+    one.radius = 0.02;
+    const auto others = value_of(read_scene_streamlines(std::vector{one}, file, few));
+    std::uint64_t bytes = 0;
+    for (const SceneTubes& tubes : {few[0], others[0]})
+      bytes += drawn_bytes(tubes.surface.mesh->points.size(), tubes.surface.mesh->triangles.size());
+    EXPECT_GT(share.used(), bytes) << "those that are shown, and those that are made";
+  }
+  few.clear();
+  EXPECT_EQ(share.used(), 0);
+
+  for (const std::size_t lines : {1000, 500}) {
+    count(lines);
+    const auto many = read_scene_streamlines(std::vector{one}, file, {});
+    EXPECT_THAT(message_of(many), HasSubstr("than the 0.7 MiB that memory has for them")) << lines;
+    EXPECT_THAT(message_of(many), HasSubstr("v.svol: the streamlines of U")) << lines;
+  }
+  count(20);
+  EXPECT_TRUE(read_scene_streamlines(std::vector{one}, file, {})) << "nothing is left of those that failed";
 }
 
 TEST_F(Streamlines, ComeToASession) {
