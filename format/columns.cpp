@@ -190,6 +190,7 @@ PackedChunk pack_positions(std::span<const dvec3> positions, double error, doubl
   if (stated_error) *stated_error = header.error;
 
   Payload payload;
+  payload.bytes.reserve(sizeof header + positions.size() * sizeof(dvec3));
   append_record(payload.bytes, header);
   std::vector<std::uint64_t> codes(grid ? positions.size() : 0);
   std::vector<double> coordinates(grid ? 0 : positions.size());
@@ -231,6 +232,7 @@ PackedChunk pack_values(std::span<const float> stored, double error, const Value
   }
   if (result) *result = describe(rounded, bins, header);
   Payload payload;
+  payload.bytes.reserve(sizeof header + codes.size() * header.width);
   append_record(payload.bytes, header);
   payload.add(codes, header.width, 1);
   return pack_payload(payload, bins.summarize(rounded));
@@ -238,6 +240,7 @@ PackedChunk pack_values(std::span<const float> stored, double error, const Value
 
 PackedChunk pack_octants(std::span<const std::uint8_t> depths, std::span<const std::uint8_t> counts) {
   Payload payload;
+  payload.bytes.reserve(2 * depths.size());
   payload.add(depths);
   payload.add(counts);
   return pack_payload(payload);

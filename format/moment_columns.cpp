@@ -344,6 +344,7 @@ PackedChunk pack_moments(std::span<const SplatShape> shapes, double edge) {
   }
 
   Payload payload;
+  payload.bytes.reserve(sizeof header + shapes.size() * (15 + static_cast<std::size_t>(width)));
   append_record(payload.bytes, header);
   payload.add_noisy(sizes.field(0));
   sizes.append_to(payload, 1);

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <new>
 #include <numeric>
-#include <optional>
 #include <utility>
 
 #include "builder/mesh/lanes.h"
@@ -162,14 +162,19 @@ inline void finish(LaneSums& sums, const Lanes& mass) {
 
 // Symmetric matrices while they become diagonal: at the end, eigenvalues, and eigenvectors as columns.
 struct Decomposition {
-  Lanes diagonal[3] = {};
-  Lanes beside[3] = {};  // [k]: the entry in neither row k nor column k
-  Lanes vectors[3][3] = {};
+  Lanes diagonal[3];
+  Lanes beside[3];  // [k]: the entry in neither row k nor column k
+  Lanes vectors[3][3];
 
-  void set(std::size_t lane, const SymmetricMatrix& m) {
-    diagonal[0][lane] = m.xx, diagonal[1][lane] = m.yy, diagonal[2][lane] = m.zz;
-    beside[0][lane] = m.yz, beside[1][lane] = m.xz, beside[2][lane] = m.xy;
-    for (const int k : {0, 1, 2}) vectors[k][k][lane] = 1;
+  explicit Decomposition(const std::array<SymmetricMatrix, lanes>& of) {
+    const auto gathered = [&](double SymmetricMatrix::*entry) {
+      return Lanes{of[0].*entry, of[1].*entry, of[2].*entry, of[3].*entry};
+    };
+    using Matrix = SymmetricMatrix;
+    diagonal[0] = gathered(&Matrix::xx), diagonal[1] = gathered(&Matrix::yy), diagonal[2] = gathered(&Matrix::zz);
+    beside[0] = gathered(&Matrix::yz), beside[1] = gathered(&Matrix::xz), beside[2] = gathered(&Matrix::xy);
+    for (int k = 0; k < 3; ++k)
+      for (int i = 0; i < 3; ++i) vectors[k][i] = Lanes{} + (i == k ? 1.0 : 0.0);
   }
   [[nodiscard]] std::array<double, 3> values(std::size_t lane) const {
     return {diagonal[0][lane], diagonal[1][lane], diagonal[2][lane]};
@@ -273,6 +278,32 @@ SplatShape shape_along_axes(const SpatialMoments& moments) {
   shape.deviations.z = std::sqrt(std::max(0.0, std::min(low, s.zz)));
   shape.orientation = orientation_along_axes(s.xx, s.yy, s.zz);
   return shape;
+}
+
+// Finds the shapes of moments that are not along the axes.
+void find_turned_shapes(std::span<const SpatialMoments* const> moments,
+                        std::array<SplatShape, shapes_at_once>& shapes) {
+  std::array<double, lanes> scales{};  // 0: along the axes, or none
+  std::array<SymmetricMatrix, lanes> scaled{};
+  for (std::size_t l = 0; l < moments.size(); ++l) {
+    if (is_along_axes(*moments[l])) continue;
+    const SymmetricMatrix& s = moments[l]->covariance;
+    scales[l] = std::max({s.xx, s.yy, s.zz});
+    scaled[l] = 1 / scales[l] * s;
+  }
+  Decomposition axes(scaled);
+  diagonalize(axes);
+  for (std::size_t l = 0; l < moments.size(); ++l) {
+    if (scales[l] == 0) continue;
+    const std::array<double, 3> values = axes.values(l);
+    const AxisOrder order = descending(values);
+    const auto deviation = [&](std::size_t k) {
+      return std::sqrt(std::max(0.0, values[order[k]])) * std::sqrt(scales[l]);
+    };
+    shapes[l] = {.mass = moments[l]->mass,
+                 .deviations = {deviation(0), deviation(1), deviation(2)},
+                 .orientation = orientation(axes.axis(l, order[0]), axes.axis(l, order[1]))};
+  }
 }
 
 }  // namespace
@@ -434,53 +465,22 @@ void VertexBlock::find_values(const ValueTable& table, bool gradients, const Vis
   }
 }
 
-std::array<SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments) {
-  std::array<SplatShape, shapes_at_once> shapes;
-  std::array<double, shapes_at_once> scales{};  // 0: done
-  std::optional<Decomposition> axes;            // most shapes of scattered points do without
+void find_shapes(std::span<const SpatialMoments* const> moments, std::array<SplatShape, shapes_at_once>& shapes) {
+  bool all_along_axes = true;  // most shapes of scattered points
   for (std::size_t l = 0; l < moments.size(); ++l) {
-    const SymmetricMatrix& s = moments[l]->covariance;
-    if (is_along_axes(*moments[l])) {
-      shapes[l] = shape_along_axes(*moments[l]);
-    } else {
-      scales[l] = std::max({s.xx, s.yy, s.zz});
-      if (!axes) axes.emplace();
-      axes->set(l, 1 / scales[l] * s);
-    }
+    if (is_along_axes(*moments[l]))
+      new (&shapes[l]) SplatShape(shape_along_axes(*moments[l]));
+    else
+      all_along_axes = false;
   }
-  if (!axes) return shapes;
-  diagonalize(*axes);
-  for (std::size_t l = 0; l < moments.size(); ++l) {
-    if (scales[l] == 0) continue;
-    const std::array<double, 3> values = axes->values(l);
-    const AxisOrder order = descending(values);
-    shapes[l].mass = moments[l]->mass;
-    for (int k = 0; k < 3; ++k)
-      shapes[l].deviations[k] = std::sqrt(std::max(0.0, values[order[k]])) * std::sqrt(scales[l]);
-    shapes[l].orientation = orientation(axes->axis(l, order[0]), axes->axis(l, order[1]));
-  }
-  return shapes;
+  if (!all_along_axes) find_turned_shapes(moments, shapes);
 }
 
 SplatShape shape_of(const SpatialMoments& moments) {
-  return is_along_axes(moments) ? shape_along_axes(moments) : shapes_of(std::array{&moments})[0];
-}
-
-SplatValue value_of(const ValueMoments& value, const SplatShape& shape) {
-  if (!(value.mass > 0)) return {};
-  SplatValue result{.mean = value.mean, .deviation = std::sqrt(std::max(0.0, value.variance))};
-  const dmat3 axes = glm::mat3_cast(shape.orientation);
-  const auto correlation = [&](const dvec3& axis, double deviation) {
-    const double largest = result.deviation * deviation;
-    return largest > 0 ? std::clamp(glm::dot(axis, value.covariance) / largest, -1.0, 1.0) : 0;
-  };
-  const double x = correlation(axes[0], shape.deviations.x);
-  const double y = correlation(axes[1], shape.deviations.y);
-  const double z = correlation(axes[2], shape.deviations.z);
-  result.correlation = {x, y, z};
-  result.residual = std::sqrt(std::max(0.0, 1 - (x * x + y * y + z * z)));
-  result.coverage = std::min(1.0, value.mass / shape.mass);
-  return result;
+  if (is_along_axes(moments)) return shape_along_axes(moments);
+  std::array<SplatShape, shapes_at_once> shapes;
+  find_turned_shapes(std::array{&moments}, shapes);
+  return shapes[0];
 }
 
 }  // namespace splatvol

@@ -1,7 +1,9 @@
 // Splat moments: mass, mean and covariance, in space and value, of the material that each point stands for.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <limits>
@@ -169,14 +171,29 @@ class VertexMaterial {
 /// rounding of the largest square.
 [[nodiscard]] SplatShape shape_of(const SpatialMoments& moments);
 
-/// Returns the shapes of up to `shapes_at_once` moments, in a third of the time that they take one by one. Only the
-/// first moments.size() results count.
+/// Finds the shapes of up to `shapes_at_once` moments, in a third of the time that they take one by one. Leaves further
+/// elements of `shapes` as they are.
 inline constexpr std::size_t shapes_at_once = 4;
-[[nodiscard]] std::array<SplatShape, shapes_at_once> shapes_of(std::span<const SpatialMoments* const> moments);
+void find_shapes(std::span<const SpatialMoments* const> moments, std::array<SplatShape, shapes_at_once>& shapes);
 
 /// Returns a value's distribution as the file stores it, except that the mean still contains the attribute's offset.
 /// `shape` belongs to all the material that `value` is a part of. Correlations, residual and coverage never exceed 1,
 /// however thin the material is.
-[[nodiscard]] SplatValue value_of(const ValueMoments& value, const SplatShape& shape);
+[[nodiscard]] inline SplatValue value_of(const ValueMoments& value, const SplatShape& shape) {
+  if (!(value.mass > 0)) return {};
+  SplatValue result{.mean = value.mean, .deviation = std::sqrt(std::max(0.0, value.variance))};
+  const dmat3 axes = glm::mat3_cast(shape.orientation);
+  const auto correlation = [&](const dvec3& axis, double deviation) {
+    const double largest = result.deviation * deviation;
+    return largest > 0 ? std::clamp(glm::dot(axis, value.covariance) / largest, -1.0, 1.0) : 0;
+  };
+  const double x = correlation(axes[0], shape.deviations.x);
+  const double y = correlation(axes[1], shape.deviations.y);
+  const double z = correlation(axes[2], shape.deviations.z);
+  result.correlation = {x, y, z};
+  result.residual = std::sqrt(std::max(0.0, 1 - (x * x + y * y + z * z)));
+  result.coverage = std::min(1.0, value.mass / shape.mass);
+  return result;
+}
 
 }  // namespace splatvol

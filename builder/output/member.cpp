@@ -4,6 +4,7 @@
 #include <array>
 #include <cstring>
 #include <memory>
+#include <new>
 
 namespace splatvol {
 
@@ -12,7 +13,7 @@ static_assert(alignof(Member) <= __STDCPP_DEFAULT_NEW_ALIGNMENT__ && sizeof(Memb
               sizeof(StoredSplat) % alignof(Member) == 0 && sizeof(StoredValue) % alignof(Member) == 0);
 
 Member& Members::add() {
-  Member& member = *std::construct_at(reinterpret_cast<Member*>(add_block()));
+  Member& member = *new (add_block()) Member;
   member.attributes = static_cast<std::uint32_t>(attributes_);
   member.levels = static_cast<std::uint32_t>(levels_);
   std::ranges::uninitialized_value_construct(member.values());
@@ -32,7 +33,8 @@ void Members::add_splats(std::size_t first, std::span<const format::Attribute> a
     const std::size_t count = std::min(size_ - first, shapes_at_once);
     std::array<const SpatialMoments*, shapes_at_once> moments{};
     for (std::size_t m = 0; m < count; ++m) moments[m] = &(*this)[first + m].moments;
-    const auto shapes = shapes_of(std::span(moments).first(count));
+    std::array<SplatShape, shapes_at_once> shapes;
+    find_shapes(std::span(moments).first(count), shapes);
     for (std::size_t m = 0; m < count; ++m) {
       Member& member = (*this)[first + m];
       std::construct_at(&member.splat(level), MadeBy{[&] {

@@ -2,6 +2,7 @@
 
 #include <sys/resource.h>
 #include <tbb/parallel_for.h>
+#include <tbb/task_group.h>
 
 #include <algorithm>
 #include <cstring>
@@ -10,7 +11,7 @@
 namespace splatvol {
 namespace {
 
-constexpr std::uint64_t released_together = 4u << 20;  // bytes; a call for each row takes longer than to copy the row
+constexpr std::uint64_t read_together = 1u << 20;  // bytes; calls for each row take longer than to copy the row
 
 // Returns how many files may be open: those that the process may have, less those that the rest of a build needs. With
 // 15 resolutions, 120 streams have their own file. The streams of coarser resolutions hold little, and share the last.
@@ -78,28 +79,42 @@ Status RowFiles::read(std::size_t levels, const Visit& visit) {
   return for_each_stream(levels, [&](std::size_t segment, std::size_t level) { return read(segment, level, visit); });
 }
 
-Status RowFiles::read(Stream& stream, const Visit& visit) {
-  format::Bytes bytes;
-  std::vector<format::ChunkEntry> entries(stream.entry_bytes / sizeof(format::ChunkEntry));
-  Extent done{0, 0};  // read, but not released
-  const auto release = [&] {
-    if (done.bytes > 0) stream.file->release(done.offset, done.bytes);
-    done = {done.offset + done.bytes, 0};
-  };
-  for (const Extent& row : stream.rows) {
-    bytes.resize(row.bytes);
-    SPLATVOL_TRY(stream.file->read(row.offset, bytes));
-    std::memcpy(entries.data(), bytes.data(), stream.entry_bytes);
-    SPLATVOL_TRY(visit(entries, std::span(bytes).subspan(stream.entry_bytes)));
-    if (row.offset != done.offset + done.bytes) {
-      release();
-      done.offset = row.offset;
-    }
-    done.bytes += row.bytes;
-    if (done.bytes >= released_together) release();
+// Reads the rows that come next and lie side by side, and gives their disk space back.
+Status RowFiles::read_next(Stream& stream, std::size_t first, RowBlock& block) {
+  block = {std::move(block.bytes), first, first};
+  if (first == stream.rows.size()) return {};
+  const std::uint64_t begin = stream.rows[first].offset;
+  std::uint64_t end = begin;
+  for (; block.end < stream.rows.size() && end - begin < read_together; ++block.end) {
+    const Extent& row = stream.rows[block.end];
+    if (row.offset != end) break;
+    end += row.bytes;
   }
-  release();
+  block.bytes.resize(end - begin);
+  SPLATVOL_TRY(stream.file->read(begin, block.bytes));
+  stream.file->release(begin, end - begin);
   return {};
+}
+
+// Some rows are read while the ones before them are visited.
+Status RowFiles::read(Stream& stream, const Visit& visit) {
+  std::vector<format::ChunkEntry> entries(stream.entry_bytes / sizeof(format::ChunkEntry));
+  RowBlock block, next;
+  Status read = read_next(stream, 0, block), visited;
+  while (read && visited && block.first < block.end) {
+    tbb::task_group reading;
+    reading.run([&] { read = read_next(stream, block.end, next); });
+    auto bytes = std::span<const std::byte>(block.bytes);
+    for (std::size_t r = block.first; r < block.end && visited; ++r) {
+      const auto row = bytes.first(stream.rows[r].bytes);
+      std::memcpy(entries.data(), row.data(), stream.entry_bytes);
+      visited = visit(entries, row.subspan(stream.entry_bytes));
+      bytes = bytes.subspan(row.size());
+    }
+    reading.wait();
+    std::swap(block, next);
+  }
+  return visited ? read : visited;
 }
 
 Status write_rows(std::span<PendingRow> rows, const RowPacker& packer, RowFiles& files) {

@@ -73,7 +73,14 @@ class RowFiles {
     std::vector<Extent> rows;
   };
 
+  // Rows of a stream that were read together.
+  struct RowBlock {
+    format::Bytes bytes;
+    std::size_t first = 0, end = 0;
+  };
+
   [[nodiscard]] Result<Stream*> open_stream(const PendingRow& row);
+  [[nodiscard]] static Status read_next(Stream& stream, std::size_t first, RowBlock& block);
   [[nodiscard]] static Status read(Stream& stream, const Visit& visit);
 
   std::string folder_;

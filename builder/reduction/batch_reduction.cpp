@@ -67,7 +67,7 @@ class BatchReducer {
       std::array<const SpatialMoments*, shapes_at_once> moments{};
       const std::size_t count = std::min(shapes_at_once, batch_.size() - begin);
       for (std::size_t k = 0; k < count; ++k) moments[k] = &batch_.moments[begin + k];
-      shapes_ = shapes_of(std::span(moments).first(count));
+      find_shapes(std::span(moments).first(count), shapes_);
     }
     return shapes_[i % shapes_at_once];
   }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <new>
 
 #include "base/selection.h"
 #include "builder/scattered/gradient_fit.h"
@@ -262,7 +263,8 @@ void BoxEstimate::store_values(Range group, std::span<const double> values, cons
     }
     const SymmetricMatrix& s = own.covariance;  // of a box: nothing beside the diagonal
     const dvec3 covariance(s.xx * gradient.x, s.yy * gradient.y, s.zz * gradient.z);
-    result[point] = linear_value_moments(own, values[point], gradient, covariance, low, high);
+    // In their memory: the processor would have to wait before it copies what it just wrote.
+    new (&result[point]) ValueMoments(linear_value_moments(own, values[point], gradient, covariance, low, high));
   }
 }
 

@@ -96,6 +96,7 @@ class PieceMaker {
 
  private:
   enum Use : std::uint8_t { unused, by_hidden_cells, by_visible_cells };
+  static constexpr std::uint64_t cells_ahead = 8;  // whose points are fetched before their turn
 
   Status read_points() {
     const std::uint64_t count = data_.point_count();
@@ -151,14 +152,26 @@ class PieceMaker {
     SPLATVOL_TRY(data_.check_cells(name_));
     TetrahedronSplitter splitter(piece_->points, piece_->tetrahedra, piece_->census);
     if (whole_cells_) splitter.list_whole_cells(piece_->whole_cells);
+    piece_->tetrahedra.reserve(data_.cell_count());
     for (std::uint64_t cell = 0; cell < data_.cell_count(); ++cell) {
       const std::size_t first = piece_->tetrahedra.size();
+      fetch_points(cell + cells_ahead);
       SPLATVOL_TRY(read_cell(cell, splitter));
       if (own_cells_) begins_.push_back(first);
       if (!volumes_.empty()) volumes_[cell] += volume_of(piece_->tetrahedra, first);
     }
     if (cell_volumes_) cell_volumes_->volumes = volumes_;
     return {};
+  }
+
+  /// Brings the positions of a cell's points into the cache: they lie anywhere.
+  void fetch_points(std::uint64_t cell) {
+    if (cell >= data_.cell_count()) return;
+    ids_.clear();
+    data_.append_points(cell, ids_);
+    for (const std::int64_t point : ids_)
+      if (point >= 0 && static_cast<std::uint64_t>(point) < piece_->points.size())
+        __builtin_prefetch(&piece_->points[static_cast<std::size_t>(point)]);
   }
 
   [[nodiscard]] double volume_of(std::span<const Tetrahedron> tetrahedra, std::size_t first) const {

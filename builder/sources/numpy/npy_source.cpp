@@ -78,41 +78,38 @@ auto converter(const NpyColumn& column) {
   }
 }
 
-/// Reads the bytes of a range of rows, and numbers from them.
-class RowReader {
- public:
-  /// Fails if the file can no longer be opened.
-  static Result<RowReader> open(const NpyFile& file, const RowRange& rows) {
-    SPLATVOL_TRY_ASSIGN(bytes, open_file(file.path));
-    RowReader reader(std::move(bytes), file.table, rows);
-    if (!file.table.columns_apart) SPLATVOL_TRY(reader.read(file.table.data_offset));
-    return reader;
-  }
-
-  Status get(const NpyColumn& column, double* to, std::size_t to_stride) {
-    if (table_.columns_apart) SPLATVOL_TRY(read(column.offset));
-    const std::uint64_t within = table_.columns_apart ? 0 : column.offset - table_.data_offset;
-    converter(column)(buffer_.data() + within, table_.stride, column.big_endian, rows_.count, to, to_stride);
-    return {};
-  }
-
-  Status get_points(const std::array<NpyColumn, 3>& columns, std::span<dvec3> points) {
-    for (std::size_t axis = 0; axis < 3; ++axis) SPLATVOL_TRY(get(columns[axis], &points[0].x + axis, 3));
-    return {};
-  }
-
- private:
-  RowReader(std::unique_ptr<ByteSource> file, const NpyTable& table, const RowRange& rows)
-      : file_(std::move(file)), table_(table), rows_(rows), buffer_(rows.count * table.stride) {}
-
-  /// Reads the rows' part of a column or table that begins at `offset`.
-  Status read(std::uint64_t offset) { return file_->read(offset + rows_.first * table_.stride, buffer_); }
-
-  std::unique_ptr<ByteSource> file_;
-  const NpyTable& table_;
-  const RowRange& rows_;
-  std::vector<std::byte> buffer_;
+/// Where the numbers of a column go: `stride` doubles apart.
+struct Target {
+  NpyColumn column;
+  double* to;
+  std::size_t stride;
 };
+
+void add_points(const NpyFile& file, std::span<dvec3> points, std::vector<Target>& targets) {
+  for (std::size_t axis = 0; axis < 3; ++axis) targets.push_back({file.position[axis], &points[0].x + axis, 3});
+}
+
+/// Reads columns of a range of rows, in parts that stay in the cache. Fails if the file can no longer be opened.
+Status read_rows(const NpyFile& file, const RowRange& rows, std::span<const Target> targets) {
+  constexpr std::size_t most_bytes = 1 << 17;
+  SPLATVOL_TRY_ASSIGN(bytes, open_file(file.path));
+  const std::size_t stride = file.table.stride, most = std::max<std::size_t>(most_bytes / stride, 1);
+  std::vector<std::byte> part;
+  const auto read = [&](std::uint64_t offset, std::span<const Target> columns) -> Status {
+    for (std::size_t first = 0; first < rows.count; first += most) {
+      const std::size_t count = std::min(most, rows.count - first);
+      part.resize(count * stride);
+      SPLATVOL_TRY(bytes->read(offset + (rows.first + first) * stride, part));
+      for (const auto& [column, to, to_stride] : columns)
+        converter(column)(part.data() + (column.offset - offset), stride, column.big_endian, count,
+                          to + first * to_stride, to_stride);
+    }
+    return {};
+  };
+  if (!file.table.columns_apart) return read(file.table.data_offset, targets);
+  for (const Target& target : targets) SPLATVOL_TRY(read(target.column.offset, {&target, 1}));
+  return {};
+}
 
 std::vector<RowRange> divide(const std::vector<NpyFile>& files) {
   std::vector<RowRange> ranges;
@@ -190,23 +187,26 @@ class NpySource final : public Source {
   Result<std::unique_ptr<Piece>> make_piece(std::size_t number) const {
     const RowRange& rows = ranges_[number];
     const NpyFile& file = files_[rows.file];
-    SPLATVOL_TRY_ASSIGN(reader, RowReader::open(file, rows));
     auto piece = std::make_unique<Piece>();
     piece->points.resize(rows.count);
-    SPLATVOL_TRY(reader.get_points(file.position, piece->points));
-    if (may_be_far_[number]) drop_far_points(piece->points);
+    std::vector<Target> targets;
+    add_points(file, piece->points, targets);
     for (const std::optional<NpyColumn>& column : file.values) {
       std::vector<double>& values = piece->values.emplace_back(rows.count, missing_value);
-      if (column) SPLATVOL_TRY(reader.get(*column, values.data(), 1));
-      piece->fills.push_back(missing_.replace(values));
+      if (column) targets.push_back({*column, values.data(), 1});
     }
+    SPLATVOL_TRY(read_rows(file, rows, targets));
+    if (may_be_far_[number]) drop_far_points(piece->points);
+    for (std::vector<double>& values : piece->values) piece->fills.push_back(missing_.replace(values));
     return piece;
   }
 
   Result<NearPoints> find_near_points(const RowRange& rows) const {
-    SPLATVOL_TRY_ASSIGN(reader, RowReader::open(files_[rows.file], rows));
+    const NpyFile& file = files_[rows.file];
     std::vector<dvec3> points(rows.count);
-    SPLATVOL_TRY(reader.get_points(files_[rows.file].position, points));
+    std::vector<Target> targets;
+    add_points(file, points, targets);
+    SPLATVOL_TRY(read_rows(file, rows, targets));
     return drop_far_points(points);
   }
 
