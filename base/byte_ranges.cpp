@@ -48,6 +48,7 @@ std::vector<ByteRange> join_to_few(std::vector<ByteRange> ranges) {
 
 Status CountedSource::read(std::uint64_t offset, std::span<std::byte> out) {
   if (holds_any_ && take_held(offset, out)) return {};
+  if (!source_->waits()) return source_->read(offset, out);
   ++requests_;
   SPLATVOL_TRY(source_->read(offset, out));
   count(offset, out.size());
@@ -152,7 +153,8 @@ bool BytesAhead::make_room(std::span<const ByteRange> ranges, MemoryShare* share
     if (!reservation) return false;
     reservation_ = std::move(*reservation);
   }
-  for (const ByteRange& range : ranges) held_.push_back({range.begin, std::vector<std::byte>(static_cast<std::size_t>(range.end - range.begin))});
+  for (const ByteRange& range : ranges)
+    held_.push_back({range.begin, std::vector<std::byte>(static_cast<std::size_t>(range.end - range.begin))});
   return true;
 }
 

@@ -29,7 +29,8 @@ inline constexpr std::uint64_t most_part_bytes = std::uint64_t{1} << 20;
 /// are left, and one more for each 256 KiB of all.
 [[nodiscard]] std::vector<ByteRange> join_to_few(std::vector<ByteRange> ranges);
 
-/// The bytes of a file, with a count of those that were read, and of the requests for them. Thread-safe.
+/// The bytes of a file, with a count of those that were read, and of the requests for them. Where reads do not wait, it
+/// counts nothing: the same bytes are read in each try. Thread-safe.
 class CountedSource {
  public:
   explicit CountedSource(std::unique_ptr<ByteSource> source) : source_(std::move(source)) {}

@@ -379,7 +379,7 @@ Status Player::read_tubes_of(std::size_t step, std::shared_ptr<const format::Vol
 }
 
 void Player::read_ahead(std::size_t step, bool with_cells) {
-  if (step >= steps_.times().size() || step == step_) return;
+  if (step >= steps_.times().size() || step == step_ || !streamer_->volume().waits()) return;
   if (with_cells && has_cells()) cells_.read_ahead(steps_, step, scene_);
   if (!steps_.are_files()) return streamer_->prefetch_step(step);
   if (ahead_ && ahead_->step() == step) return;

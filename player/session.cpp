@@ -186,9 +186,11 @@ Status Session::show_step(std::size_t step) {
 }
 
 // Of a series of files, only the file itself is opened ahead: the rest would be read here.
+bool Session::reads_steps_here() const { return !player_->steps().are_files() && player_->streamer().volume().waits(); }
+
 void Session::ask_step(std::size_t step) {
   change_.step = step == player_->step() ? std::nullopt : std::optional(step);
-  const bool is_there = change_.step && !player_->steps().are_files() && awaited_.ahead == step && !is_reading_ahead();
+  const bool is_there = change_.step && reads_steps_here() && awaited_.ahead == step && !is_reading_ahead();
   if (!is_there) return;
   if (const Status shown = show_step(step); !shown) troubles_.add(shown.error().message);
 }
@@ -213,7 +215,7 @@ Status Session::play(double seconds) {
   if (!next) return {};
   read_ahead(*next);
   if (!playback.is_due(!is_reading_ahead())) return {};
-  if (steps().are_files()) {
+  if (!reads_steps_here()) {
     playback.await(*next);
     ask_step(*next);
     return {};
@@ -397,8 +399,11 @@ Status Session::fit_camera() {
   fits_ = false;
   const bool fits_size = scene.width == first_scene_.width && scene.height == first_scene_.height;
   if (fits_size || scene.camera != first_scene_.camera) return {};
-  SPLATVOL_TRY_ASSIGN(fitted, player_->fitting_scene(scene.attribute, {scene.width, scene.height}));
-  scene.camera = first_scene_.camera = fitted.camera;
+  const auto fitted = player_->fitting_scene(scene.attribute, {scene.width, scene.height});
+  fits_ = is_pending(fitted);
+  if (fits_) return {};  // the camera stays until then
+  SPLATVOL_TRY(fitted);
+  scene.camera = first_scene_.camera = fitted->camera;
   return {};
 }
 

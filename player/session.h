@@ -313,6 +313,7 @@ class Session {
   [[nodiscard]] Status draw_next(int width, int height, double seconds, bool is_busy);
   [[nodiscard]] Status use_step();
   void await_step();
+  [[nodiscard]] bool reads_steps_here() const;
   [[nodiscard]] Status apply();
   [[nodiscard]] Status read_change();
   [[nodiscard]] bool take_tubes();

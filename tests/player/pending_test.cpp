@@ -134,6 +134,35 @@ TEST_F(Pending, LittleMemoryIsEnough) {
   expect_same(*far, *near);
 }
 
+TEST_F(Pending, StepsOfASeriesAreTheSame) {
+  write_series(path("s.svol"));
+  const auto near = open(path("s.svol"));
+  const auto far = open_far(path("s.svol"));
+  expect_same(*far, *near);
+  for (Session* session : {near.get(), far.get()}) session->choose_step(0);
+  expect_same(*far, *near);
+  EXPECT_EQ(far->step(), 0U);
+  far->toggle_playing();
+  for (int calls = 0; calls < 1000 && far->is_playing(); ++calls) {
+    EXPECT_TRUE(far->play(long_time));
+    draw(*far);
+    server.answer();
+  }
+  for (Session* session : {near.get(), far.get()}) session->choose_step(2);
+  expect_same(*far, *near);
+}
+
+TEST_F(Pending, ContoursAndSlicesAreTheSame) {
+  build_mesh(lattice(12), waves, path("m.svol"), {.keep_cells = true});
+  const auto near = open(path("m.svol"));
+  const auto far = open_far(path("m.svol"));
+  for (Session* session : {near.get(), far.get()}) {
+    session->scene.contours = {{.values = {0.4}}};
+    session->scene.slices = {{.point = dvec3(0.5), .normal = {1, 0, 0}}};
+  }
+  expect_same(*far, *near);
+}
+
 TEST_F(Pending, AServerThatHasGoneIsToldOnce) {
   write_two_attributes(path("v.svol"));
   const auto far = open_far(path("v.svol"));
