@@ -141,12 +141,12 @@ void FetchedSource::deliver(const ByteRange& range, std::vector<std::byte> bytes
   const auto asked = asked_.find(range.begin);
   const bool is_it = asked != asked_.end() && asked->second.is_taken && asked->second.end == range.end;
   if (!is_it || bytes.size() != range.end - range.begin) return;
-  const auto block = std::make_shared<const Block>(std::move(bytes));
+  auto block = std::make_shared<const Block>(std::move(bytes));
   for (const auto& by : asked->second.by)
     if (const auto blocks = by.lock()) blocks->add(block);
   asked_.erase(asked);
   held_bytes_ += block->size();
-  held_.emplace(range.begin, Held{block, ++uses_});
+  held_.emplace(range.begin, Held{std::move(block), ++uses_});
   drop_unused();
 }
 

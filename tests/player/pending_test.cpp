@@ -99,6 +99,8 @@ struct Pending : SessionFixture {
     ASSERT_EQ(image.pixels.size(), expected.pixels.size());
     EXPECT_EQ(compare_images(image, expected)->max, 0);
     EXPECT_THAT(far.troubles(), testing::IsEmpty());
+    EXPECT_GT(server.requests, 0U);
+    EXPECT_LE(server.bytes, 1.05 * static_cast<double>(far.file_bytes())) << "none is fetched twice";
   }
 
   SteppedHost stepped;
