@@ -85,6 +85,10 @@ def processor_seconds(estimate):
     return [seconds / (0.1 + 0.9 / estimate["threads"]) for seconds in estimate["seconds"]]
 
 
+def rounded(number):
+    return f"{number:.0f}" if number >= 100 else f"{number:.3g}"
+
+
 def row(what, source, options, svbuild, work):
     estimate = json.loads(output_of(svbuild, "--estimate", source, "--json", *options))
     memory = options[options.index("--memory") + 1] if "--memory" in options else "1G"
@@ -95,7 +99,9 @@ def row(what, source, options, svbuild, work):
         (said["peak"], estimate["memory_bytes"], 2**20),
         (said["cpu"], processor_seconds(estimate), 1),
     )
-    cells = [f"{is_so / unit:.4g} | {low / unit:.3g} to {high / unit:.3g}" for is_so, (low, high), unit in columns]
+    cells = [
+        f"{rounded(is_so / unit)} | {rounded(low / unit)} to {rounded(high / unit)}" for is_so, (low, high), unit in columns
+    ]
     label = " ".join([what, *(f"`{option}`" for option in [" ".join(options)] if option)])
     return f"| {label} | {said['points']} | {' | '.join(cells)} |"
 

@@ -68,14 +68,14 @@ struct Work {
 Work work_of(const InputSize& size, const BuildOptions& options, Connectivity connectivity) {
   switch (connectivity) {
     case Connectivity::mesh:
-      return {{1.2, 2.8}, {.35, .9}, {.25, .6}};
+      return {{1, 2.5}, {.3, .9}, {.2, .6}};
     case Connectivity::boxes:
-      return {{.8, 1.7}, {.3, .7}, {}};
+      return {{.7, 1.4}, {.25, .6}, {}};
     case Connectivity::delaunay:
       // Triangulations of few points at a time wait for each other.
-      return {size.points <= options.held_points ? Range{11, 18} : Range{18, 32}, {.3, 1}, {}};
+      return {size.points <= options.held_points ? Range{10, 18} : Range{18, 32}, {.3, .9}, {}};
     default:
-      return {{8, 14}, {.3, 1}, {}};
+      return {{7, 12}, {.3, .9}, {}};
   }
 }
 
