@@ -150,7 +150,8 @@ bool BytesAhead::make_room(std::span<const ByteRange> ranges, MemoryShare* share
     if (!reservation) return false;
     reservation_ = std::move(*reservation);
   }
-  for (const ByteRange& range : ranges) held_.push_back({range.begin, std::vector<std::byte>(static_cast<std::size_t>(range.end - range.begin))});
+  for (const ByteRange& range : ranges)
+    held_.push_back({range.begin, std::vector<std::byte>(static_cast<std::size_t>(range.end - range.begin))});
   return true;
 }
 

@@ -1,6 +1,6 @@
 // Pictures as a screen takes them.
-#include "pictures/outline.h"
 #include "player/screen_picture.h"
+#include "pictures/outline.h"
 
 #include <gtest/gtest.h>
 
