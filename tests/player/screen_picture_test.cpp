@@ -1,13 +1,12 @@
 // Pictures as a screen takes them.
 #include "player/screen_picture.h"
-#include "pictures/outline.h"
 
 #include <gtest/gtest.h>
 
 #include <cstdint>
 #include <vector>
 
-#include "pictures/page.h"
+#include "pictures/outline.h"
 #include "renderer/cpu/srgb_bytes.h"
 
 namespace splatvol {
