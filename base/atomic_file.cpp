@@ -171,7 +171,8 @@ Status AtomicFile::copy_to_named() {
   const off_t size = ::lseek(descriptor_, 0, SEEK_END);
   std::vector<std::byte> buffer(moved_together);
   for (std::uint64_t at = 0; at < static_cast<std::uint64_t>(size); at += buffer.size()) {
-    buffer.resize(static_cast<std::size_t>(std::min<std::uint64_t>(buffer.size(), static_cast<std::uint64_t>(size) - at)));
+    buffer.resize(
+        static_cast<std::size_t>(std::min<std::uint64_t>(buffer.size(), static_cast<std::uint64_t>(size) - at)));
     SPLATVOL_TRY(read_exactly(descriptor_, at, buffer, path_));
     SPLATVOL_TRY(copy.write_at(at, buffer));
   }

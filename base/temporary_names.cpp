@@ -31,7 +31,7 @@ std::mutex mutex;
 constinit std::atomic<Slot*> slots{};
 static_assert(std::atomic<char*>::is_always_lock_free && std::atomic<Slot*>::is_always_lock_free);
 
-#ifdef SYS_getdents64
+#ifdef __linux__
 // As the kernel gives it: readdir() would allocate, which a handler may not.
 struct FolderEntry {
   std::uint64_t inode;

@@ -114,7 +114,8 @@ class NumberReader {
     std::array<std::byte, planes * numbers_at_once> bytes;
     std::array<std::uint32_t, numbers_at_once> numbers;
     for (std::uint64_t left = count; left > 0;) {
-      const auto some = std::span(numbers).first(static_cast<std::size_t>(std::min<std::uint64_t>(left, numbers_at_once)));
+      const auto some =
+          std::span(numbers).first(static_cast<std::size_t>(std::min<std::uint64_t>(left, numbers_at_once)));
       left -= some.size();
       for (std::size_t plane = 0; plane < planes; ++plane)
         SPLATVOL_TRY(planes_[plane].read(std::span(bytes).subspan(plane * some.size(), some.size())));

@@ -272,8 +272,8 @@ Result<CellPage> CellReader::read_page(std::size_t page, const SummaryAttributes
   SPLATVOL_TRY_ASSIGN(
       parts, read_parts(std::move(bytes), ref.hash, 1 + attributes_, sizeof(CellChunkEntry), ref.chunks, what));
   CellPage read;
-  const auto packed =
-      std::span<const std::byte>(parts.bytes).subspan(static_cast<std::size_t>(parts.at[0].first), parts.at[0].second.packed_bytes);
+  const auto packed = std::span<const std::byte>(parts.bytes)
+                          .subspan(static_cast<std::size_t>(parts.at[0].first), parts.at[0].second.packed_bytes);
   SPLATVOL_TRY_ASSIGN(entries, unpack_checked(parts.at[0].second, packed, what));
   std::span<const std::byte> records = entries;
   read.chunks = take_records<CellChunkEntry>(records, ref.chunks);
@@ -299,8 +299,9 @@ Result<std::vector<ValueSummary>> CellReader::read_summaries(std::size_t page, i
   const std::string what = fmt::format("{}: summaries of page {} of the cells", name_, page);
   const auto unpack = [&](const Parts& from, std::size_t p) {
     const auto [offset, part] = from.at[p];
-    return unpack_summaries(part, std::span<const std::byte>(from.bytes).subspan(static_cast<std::size_t>(offset), part.packed_bytes),
-                            chunks,                             what);
+    return unpack_summaries(
+        part, std::span<const std::byte>(from.bytes).subspan(static_cast<std::size_t>(offset), part.packed_bytes),
+        chunks, what);
   };
   if (!info_.series) return unpack(parts, 1 + static_cast<std::size_t>(attribute));
   if (step_pages_.empty()) {
@@ -326,7 +327,8 @@ Result<std::vector<dvec3>> CellReader::read_vertex_page(std::size_t page) const 
   const PackedPageRef& ref = vertex_pages_[page];
   SPLATVOL_TRY_ASSIGN(packed, read(ref.offset, ref.packed_bytes));
   const std::uint64_t first = page * std::uint64_t{vertex_page_points};
-  std::vector<dvec3> vertices(static_cast<std::size_t>(std::min<std::uint64_t>(vertex_page_points, vertex_count_ - first)));
+  std::vector<dvec3> vertices(
+      static_cast<std::size_t>(std::min<std::uint64_t>(vertex_page_points, vertex_count_ - first)));
   ChunkEntry entry{};
   entry.hash = ref.hash;
   entry.packed_bytes = ref.packed_bytes;
@@ -345,8 +347,8 @@ Result<RankPage> CellReader::read_rank_page(std::size_t page) const {
   const PackedPageRef& ref = rank_pages_[page];
   SPLATVOL_TRY_ASSIGN(packed, read(ref.offset, ref.packed_bytes));
   const std::uint64_t first = page * std::uint64_t{rank_page_points};
-  const auto ranks = static_cast<std::size_t>(
-      std::min<std::uint64_t>(rank_page_points, info_.resolution_counts.back() - first));
+  const auto ranks =
+      static_cast<std::size_t>(std::min<std::uint64_t>(rank_page_points, info_.resolution_counts.back() - first));
   const std::string what = fmt::format("{}: page {} of ranks", name_, page);
   return unpack_rank_page(ref, packed, first, ranks, counts_, what);
 }

@@ -100,7 +100,8 @@ namespace {
 LocalCells number_by_bits(std::span<const std::uint64_t> corners, std::uint64_t low, std::uint64_t high) {
   std::vector<std::uint64_t> words(static_cast<std::size_t>((high - low) / 64 + 1));
   std::vector<std::uint32_t> before(words.size());  // bits of the words in front
-  for (const std::uint64_t corner : corners) words[static_cast<std::size_t>((corner - low) / 64)] |= std::uint64_t{1} << (corner - low) % 64;
+  for (const std::uint64_t corner : corners)
+    words[static_cast<std::size_t>((corner - low) / 64)] |= std::uint64_t{1} << (corner - low) % 64;
   LocalCells cells;
   cells.ranks.reserve(corners.size() / 4);
   for (std::size_t w = 0; w < words.size(); ++w) {

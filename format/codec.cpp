@@ -195,7 +195,8 @@ Status Unpacker::skip_to(std::uint64_t offset) {
   std::array<std::byte, 1u << 16> skipped;
   while (at_ < offset) {
     SPLATVOL_TRY(check_interruption());
-    SPLATVOL_TRY(read(std::span(skipped).first(static_cast<std::size_t>(std::min<std::uint64_t>(skipped.size(), offset - at_)))));
+    SPLATVOL_TRY(read(
+        std::span(skipped).first(static_cast<std::size_t>(std::min<std::uint64_t>(skipped.size(), offset - at_)))));
   }
   return {};
 }

@@ -84,7 +84,8 @@ tl::unexpected<Error> Container::broken(std::string_view rule) const {
 
 Status Container::read_preamble(std::uint64_t bytes) {
   if (bytes < sizeof(Superblock)) return broken("not a .svol file: too short");
-  preamble_.resize(static_cast<std::size_t>(std::min(bytes, std::clamp(bytes / 64, min_first_read_bytes, max_first_read_bytes))));
+  preamble_.resize(
+      static_cast<std::size_t>(std::min(bytes, std::clamp(bytes / 64, min_first_read_bytes, max_first_read_bytes))));
   SPLATVOL_TRY(source_->read(begin_, preamble_));
   SPLATVOL_TRY(read_superblock(bytes));
   if (preamble_.size() > superblock_.file_bytes) preamble_.resize(static_cast<std::size_t>(superblock_.file_bytes));

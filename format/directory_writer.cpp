@@ -67,8 +67,8 @@ Result<DirectoryWriter::Found> DirectoryWriter::find_chunk(std::uint64_t row, st
     if (hash_bytes(read) != refs_[number].hash) return fail_changed_temporary();
     page = read;
   }
-  const auto chunk = static_cast<std::size_t>(
-      rows_.chunks_before(row) - rows_.chunks_before(rows_.first_row_of_directory_page(number)) + column);
+  const auto chunk = static_cast<std::size_t>(rows_.chunks_before(row) -
+                                              rows_.chunks_before(rows_.first_row_of_directory_page(number)) + column);
   Found found{read_record<std::uint64_t>(page, 0), {}};
   for (std::size_t i = 0; i <= chunk; ++i) {
     found.offset += found.entry.packed_bytes;

@@ -161,7 +161,8 @@ Status connect_children(IndexPage& page, std::string_view what) {
                 static_cast<std::uint8_t>(depths[node] + 1));
     for (std::size_t s = 0; s < nodes.shape.resolutions; ++s) {
       std::uint64_t sum = 0;
-      for (std::uint64_t child = next; child < next + children; ++child) sum += nodes.counts_of(static_cast<std::size_t>(child))[s];
+      for (std::uint64_t child = next; child < next + children; ++child)
+        sum += nodes.counts_of(static_cast<std::size_t>(child))[s];
       if (sum != nodes.counts_of(node)[s])
         return fail(ErrorCode::invalid_data, "{}: the children of node {} do not add up [R14]", what, node);
     }
@@ -322,8 +323,9 @@ Result<IndexPage> unpack_index_page(const IndexPageRef& ref, std::span<const std
   page.nodes.shape = shape;
   page.top_nodes = expected_top_nodes;
   page.number = read_record<std::uint32_t>(front, 4);
-  SPLATVOL_TRY_ASSIGN(structure,
-                      unpack_checked(part_at(front, 0), front.subspan(static_cast<std::size_t>(index_table_bytes(shape.attributes))), what));
+  SPLATVOL_TRY_ASSIGN(
+      structure, unpack_checked(part_at(front, 0),
+                                front.subspan(static_cast<std::size_t>(index_table_bytes(shape.attributes))), what));
   SPLATVOL_TRY(read_nodes(structure, node_count, links_end, what, page));
   SPLATVOL_TRY(connect_children(page, what));
   return page;

@@ -189,7 +189,8 @@ class Volume::Verifier {
     SPLATVOL_TRY_ASSIGN(bytes, volume_.read_bytes(offset + begin, last + last_part.packed_bytes - begin));
     for (std::size_t a = first_attribute; a < end_attribute; ++a) {
       const auto [at, part] = find_summary_part(front, a, volume_.node_shape());
-      const auto packed = std::span<const std::byte>(bytes).subspan(static_cast<std::size_t>(at - begin), part.packed_bytes);
+      const auto packed =
+          std::span<const std::byte>(bytes).subspan(static_cast<std::size_t>(at - begin), part.packed_bytes);
       SPLATVOL_TRY_ASSIGN(read, unpack_summaries(part, packed, page.nodes.size(), volume_.name() + ": index page"));
       summaries.push_back(std::move(read));
     }
@@ -320,7 +321,8 @@ class Volume::Verifier {
     std::vector<Findings> found(tasks);
     const auto check = [&](std::size_t task, std::size_t thread) -> Status {
       const std::uint64_t number = share + task * shares;
-      Walk walk = start_walk(parts[static_cast<std::size_t>(number / pieces)], number % pieces, pieces, of_threads[thread]);
+      Walk walk =
+          start_walk(parts[static_cast<std::size_t>(number / pieces)], number % pieces, pieces, of_threads[thread]);
       const auto report = [&](std::uint64_t at) {
         const auto points = static_cast<double>(std::max<std::uint64_t>(walk.end - walk.begin, 1));
         const double done = static_cast<double>(at - walk.begin) / points;
@@ -531,8 +533,8 @@ class Volume::Verifier {
         next = std::min(end, cursor.end);
         // Numbers of a chunk that is wrong mean nothing, and what is wrong with chunks is told first.
         if (walk.found.chunk == Findings::nothing)
-          check_points(cursor, static_cast<std::size_t>(first - cursor.begin), static_cast<std::size_t>(next - cursor.begin), cube,
-                       walk);
+          check_points(cursor, static_cast<std::size_t>(first - cursor.begin),
+                       static_cast<std::size_t>(next - cursor.begin), cube, walk);
       }
     }
     return {};
@@ -583,8 +585,8 @@ class Volume::Verifier {
                        volume_.read_bytes(location.offset, std::max(location.offset + count, end) - location.offset));
       walk.bytes_begin = location.offset;
     }
-    return std::span<const std::byte>(walk.bytes).subspan(static_cast<std::size_t>(location.offset - walk.bytes_begin),
-                                                            location.entry.packed_bytes);
+    return std::span<const std::byte>(walk.bytes)
+        .subspan(static_cast<std::size_t>(location.offset - walk.bytes_begin), location.entry.packed_bytes);
   }
 
   Status read_directory_page(std::uint64_t number, const Walk& walk, Cursor::Page& held) const {

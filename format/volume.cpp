@@ -234,7 +234,8 @@ Status Volume::read_directory_root(Directory directory) {
 
   std::uint64_t next = section.offset + fixed;
   for (std::uint64_t page = 0; page < pages; ++page) {
-    const auto ref = read_record<DirectoryPageRef>(root, static_cast<std::size_t>(sizeof(std::uint64_t) + page * sizeof(DirectoryPageRef)));
+    const auto ref = read_record<DirectoryPageRef>(
+        root, static_cast<std::size_t>(sizeof(std::uint64_t) + page * sizeof(DirectoryPageRef)));
     const std::uint64_t section_end =
         page == 0 ? section.offset + section.packed_bytes : tail.offset + tail.packed_bytes;
     if (ref.offset != next || ref.bytes > section_end - next || ref.bytes < sizeof(std::uint64_t) ||
@@ -280,8 +281,9 @@ Result<IndexPage> Volume::read_page(const IndexPageRef& ref, std::uint64_t offse
   const auto read = [&](int attribute) -> Result<std::vector<ValueSummary>> {
     const auto [part_offset, part] = find_summary_part(front, static_cast<std::size_t>(attribute), node_shape());
     if (whole)
-      return unpack_summaries(part, std::span<const std::byte>(bytes).subspan(static_cast<std::size_t>(part_offset), part.packed_bytes),
-                              page.nodes.size(), what);
+      return unpack_summaries(
+          part, std::span<const std::byte>(bytes).subspan(static_cast<std::size_t>(part_offset), part.packed_bytes),
+          page.nodes.size(), what);
     SPLATVOL_TRY_ASSIGN(packed, file_->read_bytes(offset + part_offset, part.packed_bytes));
     return unpack_summaries(part, packed, page.nodes.size(), what);
   };
@@ -371,8 +373,9 @@ Result<std::vector<ValueSummary>> Volume::read_step_summaries(const IndexPage& p
 
   const auto part = read_record<IndexPagePart>(bytes, attribute * sizeof(IndexPagePart));
   if (whole)
-    return unpack_summaries(part, std::span<const std::byte>(bytes).subspan(static_cast<std::size_t>(part_offset), part.packed_bytes),
-                            page.nodes.size(), what);
+    return unpack_summaries(
+        part, std::span<const std::byte>(bytes).subspan(static_cast<std::size_t>(part_offset), part.packed_bytes),
+        page.nodes.size(), what);
   SPLATVOL_TRY_ASSIGN(packed, step_part_->read_bytes(offset + part_offset, part.packed_bytes));
   return unpack_summaries(part, packed, page.nodes.size(), what);
 }
@@ -496,7 +499,8 @@ const ChunkLocation& Volume::find_chunk(const DirectoryPage& page, std::uint64_t
   const Directory& directory = directories_[page.directory];
   const auto& columns = directory.rows.columns_of_row(row);
   const auto index = std::ranges::find(columns, column - directory.first_column) - columns.begin();
-  return page.chunks[static_cast<std::size_t>(directory.rows.chunks_before(row) - page.first_chunk) + static_cast<std::size_t>(index)];
+  return page.chunks[static_cast<std::size_t>(directory.rows.chunks_before(row) - page.first_chunk) +
+                     static_cast<std::size_t>(index)];
 }
 
 Result<Histograms> Volume::read_histograms() const {

@@ -58,7 +58,9 @@ Status Volume::visit_patches(std::span<const PatchPart> parts, std::span<const s
     SPLATVOL_TRY_ASSIGN(bytes, file_->read_bytes(first, offsets[patches[end - 1] + 1] - first));
     for (std::size_t i = begin; i < end; ++i) {
       const PatchPart& part = parts[patches[i]];
-      SPLATVOL_TRY(visit(patches[i], part, std::span(bytes).subspan(static_cast<std::size_t>(offsets[patches[i]] - first), part.packed_bytes)));
+      SPLATVOL_TRY(
+          visit(patches[i], part,
+                std::span(bytes).subspan(static_cast<std::size_t>(offsets[patches[i]] - first), part.packed_bytes)));
     }
   }
   return {};

@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "pictures/outline.h"
-#include "pictures/page.h"
 #include "pictures/ticks.h"
 #include "viewer/line_section.h"
 #include "viewer/plot.h"

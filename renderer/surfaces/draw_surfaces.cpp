@@ -312,7 +312,8 @@ std::vector<Hit> SurfaceDrawing::next_translucent(const std::vector<Hit>& opaque
 // Returns the light of a surface in a pixel.
 vec4 SurfaceDrawing::shade(const Hit& hit, int x, int y) const {
   if (!hit.is_one()) return vec4(0);
-  if (hit.triangle >= first_slice_) return slices_[static_cast<std::size_t>(hit.triangle - first_slice_)].light.pixels[pixel(x, y)];
+  if (hit.triangle >= first_slice_)
+    return slices_[static_cast<std::size_t>(hit.triangle - first_slice_)].light.pixels[pixel(x, y)];
   const ViewedSurface& surface = *(std::ranges::upper_bound(surfaces_, hit.triangle, {}, &ViewedSurface::first) - 1);
   const SceneSurface& style = surface.surface->style;
   const auto number = static_cast<std::size_t>(hit.triangle - surface.first);

@@ -61,7 +61,8 @@ struct Masses {
 
   double of(std::span<const std::uint64_t> begins, std::span<const std::uint64_t> counts) const {
     double mass = 0;
-    for (std::size_t s = 0; s < begins.size(); ++s) mass += sums[static_cast<std::size_t>(begins[s] + counts[s])] - sums[static_cast<std::size_t>(begins[s])];
+    for (std::size_t s = 0; s < begins.size(); ++s)
+      mass += sums[static_cast<std::size_t>(begins[s] + counts[s])] - sums[static_cast<std::size_t>(begins[s])];
     return mass;
   }
 };

@@ -1,5 +1,4 @@
 // Pictures as a screen takes them.
-#include "pictures/outline.h"
 #include "player/screen_picture.h"
 
 #include <gtest/gtest.h>
@@ -7,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "pictures/page.h"
+#include "pictures/outline.h"
 #include "renderer/cpu/srgb_bytes.h"
 
 namespace splatvol {

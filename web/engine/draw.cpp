@@ -1,19 +1,17 @@
-// draw FILE SCENE OUT [exact] [FRAMES]: draws a scene of a file, in node or on a desktop. OUT gets the pixels of the
-// picture: linear premultiplied RGBA, as 32-bit floats. Prints the median time of a frame. Without `exact`, all points
-// are drawn.
+// draw FILE SCENE OUT [exact] [FRAMES]: draws a scene of a file, in node or on a desktop: all points, or the exact
+// picture. OUT gets its pixels (output.h). Prints the median time of a frame.
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
-#include <memory>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "base/clock.h"
-#include "base/file.h"
 #include "player/player.h"
+#include "web/engine/output.h"
 
 namespace splatvol {
 namespace {
@@ -23,14 +21,6 @@ struct Request {
   bool is_exact = false;
   int frames = 1;
 };
-
-Status write_pixels(const std::string& path, const Image& image) {
-  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "wb"), &std::fclose);
-  const std::size_t count = image.pixels.size();
-  if (!file || std::fwrite(image.pixels.data(), sizeof(vec4), count, file.get()) != count)
-    return fail(ErrorCode::io, "{}: cannot write", path);
-  return {};
-}
 
 double median(std::vector<double> numbers) {
   const auto middle = numbers.begin() + static_cast<std::ptrdiff_t>(numbers.size() / 2);
