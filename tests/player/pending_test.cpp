@@ -136,6 +136,31 @@ TEST_F(Pending, LittleMemoryIsEnough) {
   expect_same(*far, *near);
 }
 
+TEST_F(Pending, AHandMovesWhileBytesCome) {
+  build_mesh(lattice(12), waves, path("m.svol"), {.keep_cells = true});
+  const auto near = open(path("m.svol"));
+  const auto far = open_far(path("m.svol"));
+  for (int frame = 0; frame < 40; ++frame) {
+    far->scene.camera.position.x += 0.01;
+    draw(*far, 0.01);
+    if (frame % 3 == 0) server.answer();
+  }
+  near->scene.camera = far->scene.camera;
+  expect_same(*far, *near);
+}
+
+TEST_F(Pending, AChangeCanBeTakenBack) {
+  write_two_attributes(path("v.svol"));
+  const auto far = open_far(path("v.svol"));
+  const Image before = settled_far(*far);
+  far->show_attribute("a1");
+  for (int call = 0; call < 5; ++call) draw(*far);
+  EXPECT_TRUE(far->is_reading()) << "nothing has come";
+  far->cancel_reading();
+  EXPECT_EQ(compare_images(settled_far(*far), before)->max, 0);
+  EXPECT_EQ(far->attribute().name, "a0");
+}
+
 TEST_F(Pending, StepsOfASeriesAreTheSame) {
   write_series(path("s.svol"));
   const auto near = open(path("s.svol"));
