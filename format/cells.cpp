@@ -132,7 +132,7 @@ LocalCells number_corners(std::span<const std::uint64_t> corners) {
   sorted.reserve(corners.size());
   for (const std::uint64_t corner : corners)
     sorted.push_back({corner - low, static_cast<std::uint32_t>(sorted.size())});
-  sort_by_rank(sorted, std::bit_width(high - low));
+  sort_by_rank(sorted, static_cast<int>(std::bit_width(high - low)));
   cells.corners.resize(corners.size());
   for (const Corner& corner : sorted) {
     if (cells.ranks.empty() || cells.ranks.back() != low + corner.rank) cells.ranks.push_back(low + corner.rank);

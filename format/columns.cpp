@@ -26,7 +26,7 @@ constexpr int max_grid_bits = 45;
 constexpr double centroid_margin = 1;
 constexpr double vertex_margin = 4;
 
-int bytes_for(std::uint64_t number) { return (std::bit_width(number) + 7) / 8; }
+int bytes_for(std::uint64_t number) { return (static_cast<int>(std::bit_width(number)) + 7) / 8; }
 
 // The origin is the grid point nearest to the lowest coordinate, so this coordinate may lie half a quantisation step
 // below it.
