@@ -114,9 +114,11 @@ Status AtomicFile::append(std::span<const std::byte> bytes) {
   SPLATVOL_TRY(write_at(end_, bytes));
   end_ += bytes.size();
   if (end_ >= begun_ + begun_together) {
+#ifdef __linux__
     // Without this, the disk might write everything only at commit. A failure costs time only.
     (void)::sync_file_range(descriptor_, static_cast<off_t>(begun_), static_cast<off_t>(end_ - begun_),
                             SYNC_FILE_RANGE_WRITE);
+#endif
     begun_ = end_;
   }
   return {};
@@ -126,7 +128,7 @@ Status AtomicFile::insert_front(std::uint64_t bytes) {
   std::uint64_t left = std::exchange(end_, end_ + bytes);
   begun_ = end_;
   if (bytes == 0 || left == 0) return {};
-#ifdef FALLOC_FL_INSERT_RANGE
+#ifdef __linux__
   if (::fallocate(descriptor_, FALLOC_FL_INSERT_RANGE, 0, static_cast<off_t>(bytes)) == 0) return {};
 #endif
 

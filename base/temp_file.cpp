@@ -58,10 +58,12 @@ Status TempFile::read(std::uint64_t offset, std::span<std::byte> out) const {
   return read_fully(descriptor_, offset, out) ? Status{} : fail_errno(folder_, "cannot read a temporary file");
 }
 
-void TempFile::release(std::uint64_t offset, std::uint64_t bytes) {
+void TempFile::release([[maybe_unused]] std::uint64_t offset, [[maybe_unused]] std::uint64_t bytes) {
+#ifdef __linux__
   // A failure costs disk space only.
   (void)!::fallocate(descriptor_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, static_cast<off_t>(offset),
                      static_cast<off_t>(bytes));
+#endif
 }
 
 Result<std::uint64_t> free_disk_bytes(const std::string& folder) {

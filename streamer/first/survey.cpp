@@ -106,10 +106,12 @@ Result<std::vector<SurveySplat>> survey_material(const format::Volume& volume, i
   const int value_moments = info.find_column(format::ColumnKind::value_moments, attribute);
   if (value_moments < 0) return no_moments(volume);
   std::vector<SplatValue> values;
+  // Of a function by its address, clang 19 loses the parameters for WebAssembly.
+  const auto unpack = [](const auto&... arguments) { return format::unpack_value_moments(arguments...); };
   RowReader reader(volume);
   for (std::uint64_t group = 0; values.size() < shapes.centroids.size(); ++group)
     SPLATVOL_TRY(reader.append(volume.rows().row(shapes.resolution, group), volume.rows().group(group).count,
-                               value_moments, &format::unpack_value_moments, values));
+                               value_moments, unpack, values));
   const format::Attribute& described = info.attributes[static_cast<std::size_t>(attribute)];
   std::vector<SurveySplat> splats;
   splats.reserve(values.size());
@@ -130,11 +132,12 @@ Result<std::vector<double>> survey_values(const format::Volume& volume, int attr
   if (column < 0) return fail(ErrorCode::invalid_data, "{}: lacks a column that a scene needs", volume.name());
   const std::size_t resolution = info.finest_within(most_points);
   std::vector<float> stored;
+  const auto unpack = [](const auto&... arguments) { return format::unpack_values(arguments...); };
   RowReader reader(volume);
   for (std::uint64_t index = 0; stored.size() < info.resolution_counts[resolution]; ++index) {
     const format::Group group = volume.rows().group(index);
     SPLATVOL_TRY(
-        reader.append(volume.rows().row(group.segment, index), group.count, column, &format::unpack_values, stored));
+        reader.append(volume.rows().row(group.segment, index), group.count, column, unpack, stored));
   }
   const format::Attribute& described = info.attributes[static_cast<std::size_t>(attribute)];
   std::vector<double> values;
