@@ -58,7 +58,7 @@ void insertion_sort(std::span<T> items, const Less& less) {
 template <class T, class Less>
 void select_nth(std::span<T> items, std::size_t nth, const Less& less) {
   constexpr std::size_t few = 12;
-  for (int rounds = 3 * std::bit_width(items.size()); items.size() > few; --rounds) {
+  for (int rounds = 3 * static_cast<int>(std::bit_width(items.size())); items.size() > few; --rounds) {
     if (rounds == 0) {
       std::nth_element(items.begin(), items.begin() + static_cast<std::ptrdiff_t>(nth), items.end(), less);
       return;
