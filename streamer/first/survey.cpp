@@ -136,8 +136,7 @@ Result<std::vector<double>> survey_values(const format::Volume& volume, int attr
   RowReader reader(volume);
   for (std::uint64_t index = 0; stored.size() < info.resolution_counts[resolution]; ++index) {
     const format::Group group = volume.rows().group(index);
-    SPLATVOL_TRY(
-        reader.append(volume.rows().row(group.segment, index), group.count, column, unpack, stored));
+    SPLATVOL_TRY(reader.append(volume.rows().row(group.segment, index), group.count, column, unpack, stored));
   }
   const format::Attribute& described = info.attributes[static_cast<std::size_t>(attribute)];
   std::vector<double> values;
