@@ -21,8 +21,8 @@ namespace {
 constexpr std::uint64_t begun_together = 32u << 20;
 constexpr std::uint64_t moved_together = 4u << 20;
 
-// The rights for others of a file that replaces one: never more than that one gave, also where it cannot have its
-// group.
+// Returns the rights of a file that replaces one. Others never get more than that one gave them. This holds, too, where
+// the new file cannot have its group.
 mode_t rights_for(int descriptor, const FileRights& rights) {
   const auto give_to = [&](uid_t owner) {
     return uninterrupted([&] { return ::fchown(descriptor, owner, rights.group); }) == 0;

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::size_t requests_at_once = 6;  // as browsers have to a server
 
-// What a request costs, in bytes, if it has one range; and how many are for nothing, as they are under way together.
+// A request of one range costs so many bytes. So many requests cost nothing, as they are under way together.
 constexpr std::uint64_t bytes_of_request = std::uint64_t{256} << 10;
 constexpr std::size_t free_requests = 2;
 
@@ -121,8 +121,7 @@ Result<std::shared_ptr<const BytesAhead>> BytesAhead::read(std::shared_ptr<Count
   }
   if (!is_read) {
     if (!ahead->make_room(joined, share)) return nullptr;
-    if (!ahead->source_->prefetch(joined))
-      return fail(ErrorCode::pending, "{}: its bytes have not come yet", ahead->source_->source().name());
+    static_cast<void>(ahead->source_->prefetch(joined));  // else each read would ask for its bytes alone
     SPLATVOL_TRY(ahead->read_singly(at_once));
   }
   ahead->give_to_source();

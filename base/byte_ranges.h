@@ -43,7 +43,7 @@ class CountedSource {
   [[nodiscard]] std::uint64_t requests() const { return requests_; }
   [[nodiscard]] std::uint64_t bytes_read() const { return bytes_read_; }
 
-  /// Of these bytes, those that had been read before.
+  /// Returns how many of these bytes had been read before.
   [[nodiscard]] std::uint64_t bytes_read_again() const { return bytes_read_again_; }
 
   /// Whether these bytes were read ahead.

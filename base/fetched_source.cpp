@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <iterator>
-#include <limits>
 #include <utility>
 
 namespace splatvol {
@@ -159,6 +158,7 @@ void FetchedSource::refuse(const ByteRange& range, Error error) {
 
 // The least recently used first.
 void FetchedSource::drop_unused() {
+  if (held_bytes_ <= most_bytes_) return;
   std::vector<std::pair<std::uint64_t, std::uint64_t>> unused;  // when it was used, offset
   std::uint64_t bytes = 0;
   for (const auto& [offset, held] : held_) {

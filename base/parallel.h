@@ -24,8 +24,8 @@ void parallel_for(Index begin, Index end, const Body& body) {
 #endif
 }
 
-/// The same for ranges that together are those from `begin` up to `end`: body(first, last). A range has at most `most`
-/// numbers, unless all have one.
+/// The same for ranges that together are those from `begin` up to `end`: body(first, last). A range has one to `most`
+/// numbers.
 template <class Body>
 void parallel_for_ranges(std::size_t begin, std::size_t end, std::size_t most, const Body& body) {
 #if SPLATVOL_ONE_THREAD

@@ -1,6 +1,7 @@
 // A host where nothing may wait.
 #pragma once
 
+#include <functional>
 #include <limits>
 #include <memory>
 #include <utility>
@@ -9,8 +10,8 @@
 
 namespace splatvol {
 
-/// A host without threads, for files whose reads do not wait (ByteSource::waits). A job goes on while somebody waits
-/// for it, one try a call. What ends a job must have stopped it, or bytes must come meanwhile.
+/// A host without threads, for files whose reads do not wait (ByteSource::waits). Each call of Job::wait
+/// tries the job once. Without a limit of time it tries on and on: then the job must have been stopped.
 class SteppedHost final : public InlineHost {
  public:
   [[nodiscard]] std::unique_ptr<Job> begin(std::function<bool()> work, Priority /*priority*/) override {

@@ -38,8 +38,11 @@ std::unique_ptr<Job> ThreadHost::begin(std::function<bool()> work, Priority prio
   try {
     return std::make_unique<ThreadJob>(std::async(std::launch::async, run));
   } catch (const std::system_error&) {  // no thread starts
-    run();
-    return InlineHost::begin([] { return true; }, priority);
+    const auto run_once = [run] {
+      run();
+      return true;
+    };
+    return InlineHost::begin(run_once, priority);
   }
 }
 

@@ -3,7 +3,7 @@
   bench/svbench estimates                         inputs of its own
   bench/svbench estimates --meshes a.vtu b.vtu    files besides
 
-Each input is built once. Its own inputs take up to 400 MB in the folder for temporary files. Needs numpy.
+Each input is built once. Its own inputs take up to 240 MB in the folder for temporary files. Needs numpy.
 """
 
 import json
@@ -51,17 +51,17 @@ class Scattered:
         np.save(path, np.column_stack([points, *values_of(points, self.attributes).values()]).astype("f4"))
 
 
-# Inputs: what they are, how they are made, and options of svbuild.
+# Inputs: what they are, how they are made, svbuild's memory, and its options.
 INPUTS = (
-    ("scattered, 1 attribute", lambda: Scattered(10_000_000, 1), ("--memory", "1G", "--connectivity", "boxes")),
-    ("scattered, 9 attributes", lambda: Scattered(5_000_000, 9), ("--memory", "128M", "--connectivity", "boxes")),
-    ("scattered, 9 attributes", lambda: Scattered(1_000_000, 9), ("--memory", "1G", "--connectivity", "none")),
-    ("scattered, 1 attribute", lambda: Scattered(500_000, 1), ("--memory", "1G", "--connectivity", "delaunay")),
-    ("scattered, 1 attribute", lambda: Scattered(1_500_000, 1), ("--memory", "1G", "--connectivity", "delaunay")),
-    ("cubes, 9 attributes", lambda: bent(lattice(80), 9), ("--memory", "1G", "--drop-cells")),
-    ("cubes, 3 attributes", lambda: bent(lattice(80), 3), ("--memory", "1G", "--exact")),
-    ("tetrahedra, 1 attribute", lambda: bent(in_tetrahedra(lattice(70)), 1), ("--memory", "1G")),
-    ("tetrahedra, 3 attributes", lambda: bent(in_tetrahedra(lattice(70)), 3), ("--memory", "64M", "--drop-cells")),
+    ("scattered, 1 attribute", lambda: Scattered(10_000_000, 1), "1G", ("--connectivity", "boxes")),
+    ("scattered, 9 attributes", lambda: Scattered(5_000_000, 9), "128M", ("--connectivity", "boxes")),
+    ("scattered, 9 attributes", lambda: Scattered(1_000_000, 9), "1G", ("--connectivity", "none")),
+    ("scattered, 1 attribute", lambda: Scattered(500_000, 1), "1G", ("--connectivity", "delaunay")),
+    ("scattered, 1 attribute", lambda: Scattered(1_500_000, 1), "1G", ("--connectivity", "delaunay")),
+    ("cubes, 9 attributes", lambda: bent(lattice(80), 9), "1G", ("--drop-cells",)),
+    ("cubes, 3 attributes", lambda: bent(lattice(80), 3), "1G", ("--exact",)),
+    ("tetrahedra, 1 attribute", lambda: bent(in_tetrahedra(lattice(70)), 1), "1G", ()),
+    ("tetrahedra, 3 attributes", lambda: bent(in_tetrahedra(lattice(70)), 3), "64M", ("--drop-cells",)),
 )
 
 
@@ -89,10 +89,9 @@ def rounded(number):
     return f"{number:.0f}" if number >= 100 else f"{number:.3g}"
 
 
-def row(what, source, options, svbuild, work):
-    estimate = json.loads(output_of(svbuild, "--estimate", source, "--json", *options))
-    memory = options[options.index("--memory") + 1] if "--memory" in options else "1G"
-    said = build(svbuild, source, memory, [o for o in options if o not in ("--memory", memory)], work)
+def row(what, source, memory, options, svbuild, work):
+    estimate = json.loads(output_of(svbuild, "--estimate", source, "--json", "--memory", memory, *options))
+    said = build(svbuild, source, memory, options, work)
     columns = (
         (said["file_bytes"], estimate["file_bytes"], 1e6),
         (said["space"], estimate["disk_bytes"], 1e6),
@@ -102,7 +101,7 @@ def row(what, source, options, svbuild, work):
     cells = [
         f"{rounded(is_so / unit)} | {rounded(low / unit)} to {rounded(high / unit)}" for is_so, (low, high), unit in columns
     ]
-    label = " ".join([what, *(f"`{option}`" for option in [" ".join(options)] if option)])
+    label = f"{what} `{' '.join(['--memory', memory, *options])}`"
     return f"| {label} | {said['points']} | {' | '.join(cells)} |"
 
 
@@ -129,10 +128,10 @@ def run(options):
             lines.append(row(*arguments, svbuild, work))
             print(lines[-1], flush=True)
 
-        for what, make, more in INPUTS:
+        for what, make, memory, more in INPUTS:
             path = make_in_a_process(make, work)
-            add(what, path, more)
+            add(what, path, memory, more)
             path.unlink()
         for mesh in options.meshes:
-            add(mesh.name, mesh, ())
+            add(mesh.name, mesh, "1G", ())
     write_section(options.out, "Estimates beside builds", lines)

@@ -468,7 +468,7 @@ void VertexBlock::find_values(const ValueTable& table, bool gradients, const Vis
 void find_shapes(std::span<const SpatialMoments* const> moments, std::array<SplatShape, shapes_at_once>& shapes) {
   bool all_along_axes = true;  // most shapes of scattered points
   for (std::size_t l = 0; l < moments.size(); ++l) {
-    if (is_along_axes(*moments[l]))
+    if (is_along_axes(*moments[l]))  // made in its memory, so that nothing is copied
       new (&shapes[l]) SplatShape(shape_along_axes(*moments[l]));
     else
       all_along_axes = false;

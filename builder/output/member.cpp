@@ -8,7 +8,7 @@
 
 namespace splatvol {
 
-// So all parts of a block are aligned.
+// These make all parts of a block aligned.
 static_assert(alignof(Member) <= __STDCPP_DEFAULT_NEW_ALIGNMENT__ && sizeof(MemberValue) % alignof(Member) == 0 &&
               sizeof(StoredSplat) % alignof(Member) == 0 && sizeof(StoredValue) % alignof(Member) == 0);
 

@@ -74,8 +74,8 @@ Result<std::vector<Tetrahedron>> triangulate(std::span<const dvec3> positions,
     points.emplace_back(Kernel::Point_3(positions[i].x, positions[i].y, positions[i].z), i);
     box += points.back().first.bbox();
   }
-  // If memory ends in one of CGAL's threads, that thread keeps its locks, and the others wait for ever. So only one
-  // thread works where memory may end.
+  // If memory ends in one of CGAL's threads, that thread keeps its locks, and the others wait for ever. Where memory
+  // may end, one thread works alone.
   const std::uint64_t needed = points.size() * point_bytes;
   if (!is_addressable(needed)) throw std::bad_alloc();
   const bool is_scarce = free_address_space() / 4 < needed;

@@ -11,7 +11,7 @@ constexpr std::uint32_t leaf_points = 4, block_points = 32;
 // Points in a box so many times smaller than theirs are cut out of it at once, instead of by halving.
 constexpr double cut_ratio = 64;
 
-// Of the first three lanes.
+// Returns that of the vector in the first three lanes.
 double squared_length(const Lanes& v) {
   const Lanes squares = v * v;
   return squares[0] + squares[1] + squares[2];

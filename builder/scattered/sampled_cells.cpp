@@ -64,7 +64,7 @@ void SampledCells::set_positions(std::span<const dvec3> positions, std::size_t o
   unit_ = longest > 0 ? longest : 1;
   positions_.clear();
   for (const dvec3& p : positions.subspan(coincident)) positions_.push_back((p - origin_) / unit_);
-  // So large that voids round the points are out of proportion.
+  // The domain is so large that voids round the points are out of proportion.
   const double margin = longest > 0 ? 1 : 0.5;
   domain_ = {dvec3(-margin), extent / unit_ + margin};
 }

@@ -17,7 +17,7 @@ namespace splatvol {
 /// Estimates the Voronoi cells of some thousand points. Samples of the space round them tell which points are
 /// neighbours: the nearest and the second nearest of a sample are, and the nearest of two samples side by side.
 /// Bisectors to a point's neighbours bound its cell. Then the farthest vertex is checked: a point that is nearer to it
-/// is a neighbour too. A cell that goes on and on borders on a void; it is trimmed. What may be missed are small faces:
+/// is a neighbour too. A cell that goes on and on borders on a void; it is trimmed. Small faces may be missed:
 /// cells are larger than the exact ones by about 1 %. Keeps its memory. Not thread-safe.
 class SampledCells {
  public:
